@@ -1,0 +1,28 @@
+# One gtest executable per folder. Under catkin they belong to `run_tests`; without, to ctest.
+if(SCENECALIB_CORE_ONLY)
+  enable_testing()
+  find_package(GTest REQUIRED)
+endif()
+
+foreach(folder base geometry sensor mapping tracking segment association calibration evaluation io
+        pipeline simulation ros)
+  file(GLOB tests CONFIGURE_DEPENDS test/${folder}/*_test.cc)
+  if(NOT tests OR NOT TARGET scenecalib_${folder})
+    continue()
+  endif()
+  list(SORT tests)
+  set(test scenecalib_${folder}_test)
+  if(SCENECALIB_CORE_ONLY)
+    add_executable(${test} ${tests})
+    target_link_libraries(${test} GTest::gtest GTest::gtest_main)
+    add_test(NAME ${folder} COMMAND ${test})
+  else()
+    catkin_add_gtest(${test} ${tests})
+    target_link_libraries(${test} gtest_main)
+  endif()
+  target_link_libraries(${test} scenecalib_${folder})
+  target_include_directories(${test} PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}/test)
+  target_compile_definitions(${test} PRIVATE
+    SCENECALIB_SOURCE_DIR="${CMAKE_CURRENT_SOURCE_DIR}")
+  target_compile_options(${test} PRIVATE -Wall -Wextra -Wpedantic)
+endforeach()

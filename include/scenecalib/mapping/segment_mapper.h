@@ -1,0 +1,85 @@
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "scenecalib/base/options.h"
+#include "scenecalib/base/progress.h"
+#include "scenecalib/base/status.h"
+#include "scenecalib/mapping/mapping_options.h"
+#include "scenecalib/mapping/scene_map.h"
+#include "scenecalib/sensor/measurements.h"
+#include "scenecalib/sensor/rig.h"
+
+namespace scenecalib {
+
+/// What happened to one scan in the odometry.
+struct ScanRegistration {
+  Timestamp stamp_ns = 0;
+  Rigid3 map_from_lidar;  ///< at stamp_ns
+  bool converged = false;
+  int iterations = 0;
+  int num_inliers = 0;
+  double rms_m = 0.0;
+};
+
+/// Evidence of a finished map.
+struct MappingReport {
+  int num_scans_in = 0;
+  int num_scans_used = 0;
+  int num_scans_dropped_at_bound = 0;  ///< oldest scans forgotten because the buffer was full
+  double path_length_m = 0.0;
+  bool used_imu = false;
+  bool used_odometry = false;
+  double thickness_before_m = 0.0;  ///< median surfel thickness with the odometry's trajectory
+  double thickness_after_m = 0.0;   ///< the same after the batch refinement
+  int num_points_moving = 0;        ///< removed as moving objects
+  std::vector<std::string> warnings;
+};
+
+struct MappingResult {
+  SceneMap map;
+  MappingReport report;
+};
+
+/// Lidar mapping of one segment of driving (III-A): fed with measurements as they come, live or
+/// from a bag; registers every scan on arrival (odometry) and, when asked, refines the trajectory
+/// in continuous time and builds the surfaces. Not thread-safe: one owner feeds it.
+///
+/// Measurements may be a little out of order between sensors. Memory is bounded by
+/// MappingOptions::buffer: at the bound the oldest scans are forgotten and counted.
+class SegmentMapper {
+ public:
+  SegmentMapper(const Rig& rig, const MappingOptions& options);
+  ~SegmentMapper();
+  SegmentMapper(SegmentMapper&&) noexcept;
+  SegmentMapper& operator=(SegmentMapper&&) noexcept;
+
+  void AddImu(const ImuSample& sample);
+  void AddOdometry(const OdometrySample& sample);
+
+  /// Registers the scan against the local map. InvalidArgument for a scan whose stamp does not
+  /// increase or that has too few points (it is then skipped and counted).
+  Result<ScanRegistration> AddScan(const LidarScan& scan);
+
+  /// Forgets everything.
+  void Reset();
+
+  int num_scans() const;
+
+  /// The map of everything still buffered. InsufficientData without motion or with too few scans.
+  /// const: a live node may go on adding scans to the original while a copy of the segment is
+  /// built.
+  Result<MappingResult> BuildMap(const ProgressCallback& progress) const;
+
+  /// Test hook and study tool: as BuildMap, with a known trajectory instead of the estimated one.
+  Result<MappingResult> BuildMapWithTrajectory(const Trajectory& map_from_lidar,
+                                               const ProgressCallback& progress) const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace scenecalib

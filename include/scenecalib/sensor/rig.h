@@ -1,0 +1,47 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "scenecalib/geometry/rigid3.h"
+#include "scenecalib/sensor/camera_model.h"
+
+namespace scenecalib {
+
+/// The sensors of a vehicle, as in the rig file (docs/ros_api.md).
+struct LidarConfig {
+  std::string topic;
+  std::string frame_id;
+  bool motion_compensated = false;      ///< true: every point is already at the scan's stamp
+  std::optional<double> scan_period_s;  ///< only for clouds without per-point time
+};
+
+struct ImuConfig {
+  std::string topic;
+  Rigid3 lidar_from_imu;
+};
+
+struct OdometryConfig {
+  std::string topic;
+  Rigid3 lidar_from_body;
+};
+
+struct CameraConfig {
+  std::string name;
+  std::string image_topic;
+  std::optional<std::string> camera_info_topic;
+  std::string frame_id;
+  double time_offset_s = 0.0;  ///< camera stamp + offset = lidar clock
+  Rigid3 lidar_from_camera;
+  CameraModelPtr model;  ///< null until the camera_info message gave the intrinsics
+};
+
+struct Rig {
+  LidarConfig lidar;
+  std::optional<ImuConfig> imu;
+  std::optional<OdometryConfig> odometry;
+  std::vector<CameraConfig> cameras;  ///< in the order of the file
+};
+
+}  // namespace scenecalib

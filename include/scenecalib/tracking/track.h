@@ -1,0 +1,27 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <vector>
+
+#include "scenecalib/base/timestamp.h"
+
+namespace scenecalib {
+
+/// One sighting of a track's scene point.
+struct TrackObservation {
+  Timestamp stamp_ns = 0;  ///< the image's stamp, camera clock (without time_offset_s)
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+  /// Covariance of the pixel from the patch's structure tensor and registration residual, px^2.
+  Eigen::Matrix2d covariance_px2 = Eigen::Matrix2d::Identity();
+};
+
+/// Pixels of one scene point over time in one camera, oldest first; at most one per image.
+struct Track {
+  std::int64_t id = 0;  ///< unique within the camera
+  std::vector<TrackObservation> observations;
+  /// Index into `observations` of the view that the others were registered against.
+  int reference = 0;
+};
+
+}  // namespace scenecalib
