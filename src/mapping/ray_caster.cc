@@ -1,0 +1,191 @@
+#include "scenecalib/mapping/ray_caster.h"
+
+#include <embree3/rtcore.h>
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "mesh_planes.h"
+
+namespace scenecalib {
+namespace {
+
+/// Rays more oblique to their plane than this keep Embree's range: the intersection with the plane
+/// is then worse than single precision.
+constexpr double kMinCosine = 1e-3;
+
+constexpr int kRaysPerTask = 512;
+
+struct DeviceRelease {
+  void operator()(RTCDevice device) const { rtcReleaseDevice(device); }
+};
+struct SceneRelease {
+  void operator()(RTCScene scene) const { rtcReleaseScene(scene); }
+};
+using DevicePtr = std::unique_ptr<RTCDeviceTy, DeviceRelease>;
+using ScenePtr = std::unique_ptr<RTCSceneTy, SceneRelease>;
+
+void AttachGround(RTCDevice device, RTCScene scene, unsigned geometry_id,
+                  const TriangleMesh& mesh) {
+  RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
+  auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0,
+                                                               RTC_FORMAT_FLOAT3, 3 * sizeof(float),
+                                                               mesh.vertices_m.size()));
+  for (std::size_t i = 0; i < mesh.vertices_m.size(); ++i) {
+    Eigen::Map<Eigen::Vector3f>(vertices + 3 * i) = mesh.vertices_m[i];
+  }
+  auto* indices = static_cast<unsigned*>(
+      rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                              3 * sizeof(unsigned), mesh.triangles.size()));
+  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+    for (int k = 0; k < 3; ++k) indices[3 * i + k] = static_cast<unsigned>(mesh.triangles[i][k]);
+  }
+  rtcCommitGeometry(geometry);
+  rtcAttachGeometryByID(scene, geometry, geometry_id);
+  rtcReleaseGeometry(geometry);
+}
+
+void AttachSurfels(RTCDevice device, RTCScene scene, unsigned geometry_id,
+                   const std::vector<Surfel>& surfels) {
+  RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_ORIENTED_DISC_POINT);
+  auto* discs = static_cast<float*>(rtcSetNewGeometryBuffer(
+      geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT4, 4 * sizeof(float), surfels.size()));
+  auto* normals = static_cast<float*>(rtcSetNewGeometryBuffer(
+      geometry, RTC_BUFFER_TYPE_NORMAL, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), surfels.size()));
+  for (std::size_t i = 0; i < surfels.size(); ++i) {
+    Eigen::Map<Eigen::Vector4f>(discs + 4 * i) << surfels[i].center_m, surfels[i].radius_m;
+    Eigen::Map<Eigen::Vector3f>(normals + 3 * i) = surfels[i].normal;
+  }
+  rtcCommitGeometry(geometry);
+  rtcAttachGeometryByID(scene, geometry, geometry_id);
+  rtcReleaseGeometry(geometry);
+}
+
+}  // namespace
+
+struct RayCaster::Impl {
+  static constexpr unsigned kGroundId = 0;
+  static constexpr unsigned kSurfelId = 1;
+
+  DevicePtr device;
+  ScenePtr scene;
+  std::vector<MeshPlane> ground_planes;  ///< one per triangle
+  std::vector<Surfel> surfels;
+
+  std::optional<RayHit> Cast(const Ray& ray, double max_range_m) const;
+  RayHit Describe(const Ray& ray, double range_m, unsigned geometry_id, unsigned primitive) const;
+};
+
+RayHit RayCaster::Impl::Describe(const Ray& ray, double range_m, unsigned geometry_id,
+                                 unsigned primitive) const {
+  RayHit hit;
+  hit.index = static_cast<int>(primitive);
+  Eigen::Vector3d point_on_plane;
+  double trusted_extent_m = 0.0;
+  if (geometry_id == kGroundId) {
+    const MeshPlane& plane = ground_planes[primitive];
+    hit.kind = SurfaceKind::kGround;
+    hit.normal_in_map = plane.normal;
+    hit.scale_m = plane.scale_m;
+    hit.thickness_m = plane.thickness_m;
+    hit.planar = plane.planar;
+    point_on_plane = plane.point_m;
+    trusted_extent_m = plane.scale_m;
+  } else {
+    const Surfel& surfel = surfels[primitive];
+    hit.kind = SurfaceKind::kSurfel;
+    hit.normal_in_map = surfel.normal.cast<double>().normalized();
+    hit.scale_m = surfel.scale_m;
+    hit.thickness_m = surfel.thickness_m;
+    hit.planar = surfel.planar;
+    point_on_plane = surfel.center_m.cast<double>();
+    trusted_extent_m = surfel.radius_m;
+  }
+  const double cosine = ray.direction_in_map.dot(hit.normal_in_map);
+  hit.range_m = range_m;
+  if (std::abs(cosine) > kMinCosine) {
+    // Double precision on the fitted plane; a plane that would move the hit far along a grazing
+    // ray is not the surface that was met there.
+    const double range_on_plane_m =
+        (point_on_plane - ray.origin_in_map_m).dot(hit.normal_in_map) / cosine;
+    if (range_on_plane_m > 0.0 && std::abs(range_on_plane_m - range_m) < trusted_extent_m) {
+      hit.range_m = range_on_plane_m;
+    }
+  }
+  if (cosine > 0.0) hit.normal_in_map = -hit.normal_in_map;
+  hit.incidence_angle_rad = std::acos(std::min(1.0, std::abs(cosine)));
+  hit.point_in_map_m = ray.origin_in_map_m + hit.range_m * ray.direction_in_map;
+  return hit;
+}
+
+std::optional<RayHit> RayCaster::Impl::Cast(const Ray& ray, double max_range_m) const {
+  RTCRayHit query{};
+  query.ray.org_x = static_cast<float>(ray.origin_in_map_m.x());
+  query.ray.org_y = static_cast<float>(ray.origin_in_map_m.y());
+  query.ray.org_z = static_cast<float>(ray.origin_in_map_m.z());
+  query.ray.dir_x = static_cast<float>(ray.direction_in_map.x());
+  query.ray.dir_y = static_cast<float>(ray.direction_in_map.y());
+  query.ray.dir_z = static_cast<float>(ray.direction_in_map.z());
+  query.ray.tnear = 0.0F;
+  query.ray.tfar = static_cast<float>(max_range_m);
+  query.ray.mask = 0xFFFFFFFFU;
+  query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  rtcIntersect1(scene.get(), &context, &query);
+  if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return std::nullopt;
+  return Describe(ray, query.ray.tfar, query.hit.geomID, query.hit.primID);
+}
+
+RayCaster::RayCaster(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+RayCaster::RayCaster(RayCaster&&) noexcept = default;
+RayCaster& RayCaster::operator=(RayCaster&&) noexcept = default;
+RayCaster::~RayCaster() = default;
+
+Result<RayCaster> RayCaster::Create(const SceneMap& map) {
+  if (map.ground.triangles.empty() && map.surfels.empty()) {
+    return Status::InsufficientData(
+        "the map has neither ground nor surfels: there is nothing for image rays to meet");
+  }
+  auto impl = std::make_unique<Impl>();
+  impl->device.reset(rtcNewDevice(nullptr));
+  if (!impl->device) return Status::Unavailable("Embree cannot be initialised on this machine");
+  impl->scene.reset(rtcNewScene(impl->device.get()));
+  rtcSetSceneFlags(impl->scene.get(), RTC_SCENE_FLAG_ROBUST);
+  if (!map.ground.triangles.empty()) {
+    AttachGround(impl->device.get(), impl->scene.get(), Impl::kGroundId, map.ground);
+    impl->ground_planes = FitMeshPlanes(map.ground);
+  }
+  if (!map.surfels.empty()) {
+    AttachSurfels(impl->device.get(), impl->scene.get(), Impl::kSurfelId, map.surfels);
+    impl->surfels = map.surfels;
+  }
+  rtcCommitScene(impl->scene.get());
+  if (rtcGetDeviceError(impl->device.get()) != RTC_ERROR_NONE) {
+    return Status::Unavailable("Embree could not build the ray-casting scene (out of memory?)");
+  }
+  return RayCaster(std::move(impl));
+}
+
+std::optional<RayHit> RayCaster::Cast(const Ray& ray, double max_range_m) const {
+  return impl_->Cast(ray, max_range_m);
+}
+
+std::vector<std::optional<RayHit>> RayCaster::Cast(const std::vector<Ray>& rays,
+                                                   double max_range_m) const {
+  std::vector<std::optional<RayHit>> hits(rays.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, rays.size(), kRaysPerTask),
+                    [&](const tbb::blocked_range<std::size_t>& range) {
+                      for (std::size_t i = range.begin(); i != range.end(); ++i) {
+                        hits[i] = impl_->Cast(rays[i], max_range_m);
+                      }
+                    });
+  return hits;
+}
+
+}  // namespace scenecalib
