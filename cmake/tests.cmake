@@ -20,7 +20,7 @@ foreach(folder base geometry sensor mapping tracking segment association calibra
     catkin_add_gtest(${test} ${tests})
     target_link_libraries(${test} gtest_main)
   endif()
-  target_link_libraries(${test} scenecalib_${folder})
+  target_link_libraries(${test} scenecalib_${folder} opencv_calib3d)  # as reference
   target_include_directories(${test} PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}/test)
   target_compile_definitions(${test} PRIVATE
     SCENECALIB_SOURCE_DIR="${CMAKE_CURRENT_SOURCE_DIR}")

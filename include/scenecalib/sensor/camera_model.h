@@ -17,6 +17,18 @@ struct TunableIntrinsics {
   Eigen::Vector2d principal_point_px = Eigen::Vector2d::Zero();  ///< u_0
 };
 
+/// What a rig file says about a lens (docs/ros_api.md). `focal_px` (fx, fy) and `distortion` belong
+/// to the models of ROS, `polynomial_px` (k1..k5, px per radian^i) to ftheta; the others are empty.
+struct CameraIntrinsics {
+  std::string model;  ///< "ftheta", "plumb_bob", "rational_polynomial" or "equidistant"
+  int width_px = 0;
+  int height_px = 0;
+  std::vector<double> focal_px;
+  Eigen::Vector2d principal_point_px = Eigen::Vector2d::Zero();
+  std::vector<double> polynomial_px;
+  std::vector<double> distortion;  ///< in the order of sensor_msgs/CameraInfo D
+};
+
 /// Derivatives of a projected pixel.
 struct ProjectionJacobians {
   Eigen::Matrix<double, 2, 3> pixel_by_point;       ///< by the point in the camera frame, px/m
@@ -39,6 +51,8 @@ class CameraModel {
 
   /// "ftheta", "plumb_bob", "rational_polynomial" or "equidistant", as in the rig file.
   virtual std::string name() const = 0;
+  /// What CreateCameraModel (sensor/camera_factory.h) would build the same model from.
+  virtual CameraIntrinsics intrinsics() const = 0;
   int width_px() const { return width_px_; }
   int height_px() const { return height_px_; }
   /// The model's own tunable parameters: s_f = 1 and its principal point.
@@ -67,7 +81,7 @@ class CameraModel {
   }
 
   /// As Project, with other tunable intrinsics and without the image's border: for solvers, where a
-  /// pixel a little outside the image is still a meaningful residual.
+  /// pixel a little outside the image is still a meaningful residual. None unless s_f > 0.
   virtual std::optional<Eigen::Vector2d> ProjectTuned(const Eigen::Vector3d& point_in_camera,
                                                       const TunableIntrinsics& tunable,
                                                       ProjectionJacobians* jacobians) const = 0;
