@@ -68,9 +68,11 @@ class SegmentMapper {
 
   int num_scans() const;
 
+  /// A mapper with the same content; the scans themselves are shared, so this is quick. A live node
+  /// builds the map of a clone in another thread while it goes on adding scans to the original.
+  SegmentMapper Clone() const;
+
   /// The map of everything still buffered. InsufficientData without motion or with too few scans.
-  /// const: a live node may go on adding scans to the original while a copy of the segment is
-  /// built.
   Result<MappingResult> BuildMap(const ProgressCallback& progress) const;
 
   /// Test hook and study tool: as BuildMap, with a known trajectory instead of the estimated one.

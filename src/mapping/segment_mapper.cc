@@ -1,0 +1,298 @@
+#include "scenecalib/mapping/segment_mapper.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <deque>
+#include <sstream>
+#include <utility>
+
+#include "pose_table.h"
+#include "scenecalib/geometry/so3.h"
+#include "scenecalib/mapping/pose_spline.h"
+
+namespace scenecalib {
+namespace {
+
+/// After so many stamps in a row that do not increase the clock was set back (a looping replay):
+/// the segment starts anew.
+constexpr int kMaxReversedStamps = 10;
+constexpr double kTrajectoryStepS = 0.005;
+
+struct BufferedScan {
+  LidarScan scan;
+  SweepRegistration registration;
+};
+using BufferedScans = std::vector<std::shared_ptr<const BufferedScan>>;
+
+/// Metres travelled; jitter of a standing vehicle does not add up.
+double PathLength(const std::vector<TimedPose>& poses) {
+  constexpr double kMinStepM = 0.1;
+  double length_m = 0.0;
+  Eigen::Vector3d last = poses.front().map_from_lidar.translation;
+  for (const TimedPose& pose : poses) {
+    const double step_m = (pose.map_from_lidar.translation - last).norm();
+    if (step_m < kMinStepM) continue;
+    length_m += step_m;
+    last = pose.map_from_lidar.translation;
+  }
+  return length_m;
+}
+
+/// The scans of the longest stretch over which tracking held.
+BufferedScans LongestStretch(const std::deque<std::shared_ptr<const BufferedScan>>& scans) {
+  std::vector<BufferedScans> stretches;
+  for (const auto& scan : scans) {
+    if (!scan->registration.converged) continue;
+    if (stretches.empty() ||
+        stretches.back().back()->registration.stretch != scan->registration.stretch) {
+      stretches.emplace_back();
+    }
+    stretches.back().push_back(scan);
+  }
+  if (stretches.empty()) return {};
+  return *std::max_element(
+      stretches.begin(), stretches.end(),
+      [](const BufferedScans& a, const BufferedScans& b) { return a.size() < b.size(); });
+}
+
+/// The poses of one sweep. The first sweep was registered before any motion was known: it borrows
+/// the second one's, which is constant velocity.
+std::vector<TimedPose> SweepPoses(const BufferedScans& scans, std::size_t index) {
+  const SweepRegistration& own = scans[index]->registration;
+  if (index > 0 || own.used_odometry || scans.size() < 2) return own.poses;
+  const SweepRegistration& next = scans[1]->registration;
+  const Timestamp shift_ns = own.mid_ns() - next.mid_ns();
+  const Rigid3 move = own.map_from_lidar * next.map_from_lidar.Inverse();
+  std::vector<TimedPose> poses;
+  for (const TimedPose& pose : next.poses) {
+    poses.push_back({pose.stamp_ns + shift_ns, move * pose.map_from_lidar});
+  }
+  poses.front().stamp_ns = std::min(poses.front().stamp_ns, own.first_point_ns);
+  return poses;
+}
+
+/// The odometry's poses of all sweeps in one sequence. Where a sweep reaches into the next one's
+/// time it yields.
+std::vector<TimedPose> OdometryPoses(const BufferedScans& scans) {
+  std::vector<TimedPose> poses;
+  for (std::size_t i = 0; i < scans.size(); ++i) {
+    const bool last = i + 1 == scans.size();
+    const Timestamp end_ns =
+        last ? scans[i]->registration.last_point_ns : scans[i + 1]->registration.first_point_ns - 1;
+    for (const TimedPose& pose : SweepPoses(scans, i)) {
+      if (pose.stamp_ns > end_ns) break;
+      if (poses.empty() || pose.stamp_ns > poses.back().stamp_ns) poses.push_back(pose);
+    }
+  }
+  return poses;
+}
+
+RegisteredScan Register(const LidarScan& scan, const SweepRegistration& registration,
+                        const PoseTable& table, const OdometryOptions& options) {
+  RegisteredScan registered;
+  registered.stamp_ns = scan.stamp_ns;
+  const double stamp_s = SecondsBetween(table.start_ns(), scan.stamp_ns);
+  registered.lidar_in_map_m =
+      table.Place(Eigen::Vector3d::Zero(), SecondsBetween(table.start_ns(), registration.mid_ns()));
+  registered.points.reserve(scan.points.size());
+  for (const LidarPoint& point : scan.points) {
+    const double range_m = point.position_in_lidar_m.cast<double>().norm();
+    if (!(range_m >= options.min_range_m && range_m <= options.max_range_m)) continue;
+    RegisteredPoint placed;
+    placed.position_in_map_m =
+        table.Place(point.position_in_lidar_m.cast<double>(), stamp_s + point.time_offset_s)
+            .cast<float>();
+    placed.time_offset_s = point.time_offset_s;
+    placed.intensity = point.intensity;
+    registered.points.push_back(placed);
+  }
+  return registered;
+}
+
+std::string Percent(int part, int whole) {
+  std::ostringstream text;
+  text << part << " of " << whole;
+  return text.str();
+}
+
+}  // namespace
+
+struct SegmentMapper::Impl {
+  Impl(Rig rig_in, const MappingOptions& options_in)
+      : rig(std::move(rig_in)), options(options_in), prior(rig), odometry(options_in.odometry) {}
+
+  void AddWarnings(const BufferedScans& used, MappingReport* report) const;
+  Result<MappingResult> Build(const BufferedScans& used, Trajectory trajectory,
+                              MappingReport report, const ProgressCallback& progress) const;
+
+  Rig rig;
+  MappingOptions options;
+  MotionPrior prior;
+  LidarOdometry odometry;
+  std::deque<std::shared_ptr<const BufferedScan>> scans;
+  int num_scans_in = 0;
+  int num_scans_skipped = 0;
+  int num_scans_dropped = 0;
+  int num_reversed_in_a_row = 0;
+  int num_clock_resets = 0;
+};
+
+SegmentMapper::SegmentMapper(const Rig& rig, const MappingOptions& options)
+    : impl_(std::make_unique<Impl>(rig, options)) {}
+SegmentMapper::~SegmentMapper() = default;
+SegmentMapper::SegmentMapper(SegmentMapper&&) noexcept = default;
+SegmentMapper& SegmentMapper::operator=(SegmentMapper&&) noexcept = default;
+
+void SegmentMapper::AddImu(const ImuSample& sample) { impl_->prior.AddImu(sample); }
+void SegmentMapper::AddOdometry(const OdometrySample& sample) { impl_->prior.AddOdometry(sample); }
+int SegmentMapper::num_scans() const { return static_cast<int>(impl_->scans.size()); }
+void SegmentMapper::Reset() { impl_ = std::make_unique<Impl>(impl_->rig, impl_->options); }
+
+SegmentMapper SegmentMapper::Clone() const {
+  SegmentMapper clone(impl_->rig, impl_->options);
+  *clone.impl_ = *impl_;
+  return clone;
+}
+
+Result<ScanRegistration> SegmentMapper::AddScan(const LidarScan& scan) {
+  Impl& impl = *impl_;
+  ++impl.num_scans_in;
+  const bool reversed = !impl.scans.empty() && scan.stamp_ns <= impl.scans.back()->scan.stamp_ns;
+  impl.num_reversed_in_a_row = reversed ? impl.num_reversed_in_a_row + 1 : 0;
+  if (impl.num_reversed_in_a_row >= kMaxReversedStamps) {
+    const int num_clock_resets = impl.num_clock_resets + 1;
+    Reset();
+    impl_->num_clock_resets = num_clock_resets;
+    return AddScan(scan);
+  }
+  auto registration = impl.odometry.Register(scan, impl.prior);
+  if (!registration.ok()) {
+    ++impl.num_scans_skipped;
+    return registration.status();
+  }
+  impl.scans.push_back(std::make_shared<const BufferedScan>(BufferedScan{scan, *registration}));
+  while (static_cast<int>(impl.scans.size()) > impl.options.buffer.max_scans) {
+    impl.scans.pop_front();
+    ++impl.num_scans_dropped;
+  }
+  impl.prior.ForgetBefore(AddSeconds(scan.stamp_ns, -impl.options.buffer.max_imu_age_s));
+  ScanRegistration result;
+  result.stamp_ns = scan.stamp_ns;
+  const auto sweep = Trajectory::Create(registration->poses);
+  if (!sweep.ok()) return sweep.status();
+  result.map_from_lidar =
+      *sweep->Interpolate(std::clamp(scan.stamp_ns, sweep->start_ns(), sweep->end_ns()));
+  result.converged = registration->converged;
+  result.iterations = registration->iterations;
+  result.num_inliers = registration->num_inliers;
+  result.rms_m = registration->rms_m;
+  return result;
+}
+
+void SegmentMapper::Impl::AddWarnings(const BufferedScans& used, MappingReport* report) const {
+  auto warn = [report](const std::string& text) { report->warnings.push_back(text); };
+  const int num_used = static_cast<int>(used.size());
+  const auto count = [&used](bool SweepRegistration::*flag) {
+    return static_cast<int>(std::count_if(used.begin(), used.end(),
+                                          [flag](const auto& s) { return s->registration.*flag; }));
+  };
+  if (num_scans_skipped > 0) {
+    warn("lidar: " + Percent(num_scans_skipped, num_scans_in) +
+         " scans skipped (stamp not increasing, or too few points)");
+  }
+  if (num_clock_resets > 0) warn("lidar: stamps ran backwards; what came before was dropped");
+  const int num_unused = static_cast<int>(scans.size()) - num_used;
+  if (num_unused > 0) {
+    warn("lidar: tracking was lost; " + Percent(num_unused, static_cast<int>(scans.size())) +
+         " scans lie outside the longest tracked stretch and are not used");
+  }
+  if (rig.imu && count(&SweepRegistration::used_gyroscope) < num_used) {
+    warn("imu: no gapless samples for " +
+         Percent(num_used - count(&SweepRegistration::used_gyroscope), num_used) +
+         " scans (topic " + rig.imu->topic + "); their rotation comes from the lidar alone");
+  }
+  if (rig.odometry && count(&SweepRegistration::used_odometry) < num_used) {
+    warn("odometry: no gapless samples for " +
+         Percent(num_used - count(&SweepRegistration::used_odometry), num_used) + " scans (topic " +
+         rig.odometry->topic + "); constant velocity is assumed there");
+  }
+  report->used_imu = count(&SweepRegistration::used_gyroscope) > 0;
+  report->used_odometry = count(&SweepRegistration::used_odometry) > 0;
+}
+
+Result<MappingResult> SegmentMapper::Impl::Build(const BufferedScans& used, Trajectory trajectory,
+                                                 MappingReport report,
+                                                 const ProgressCallback& progress) const {
+  const PoseTable table(trajectory);
+  std::vector<RegisteredScan> registered(used.size());
+  tbb::parallel_for(std::size_t{0}, used.size(), [&](std::size_t i) {
+    registered[i] = Register(used[i]->scan, used[i]->registration, table, options.odometry);
+  });
+  auto surfaces = BuildSurfaces(registered, options.surfaces, progress);
+  if (!surfaces.ok()) return surfaces.status();
+  report.num_scans_used = static_cast<int>(used.size());
+  report.path_length_m = PathLength(trajectory.poses());
+  report.num_points_moving = surfaces->num_points_moving;
+  MappingResult result;
+  result.map.map_from_lidar = std::move(trajectory);
+  result.map.ground = std::move(surfaces->ground);
+  result.map.surfels = std::move(surfaces->surfels);
+  result.map.points = std::move(surfaces->points);
+  result.report = std::move(report);
+  return result;
+}
+
+Result<MappingResult> SegmentMapper::BuildMap(const ProgressCallback& progress) const {
+  const Impl& impl = *impl_;
+  const BufferedScans used = LongestStretch(impl.scans);
+  if (static_cast<int>(used.size()) < impl.options.segment.min_scans) {
+    return Status::InsufficientData("lidar: " + std::to_string(used.size()) + " usable scans (of " +
+                                    std::to_string(impl.num_scans_in) + " received), at least " +
+                                    std::to_string(impl.options.segment.min_scans) + " are needed");
+  }
+  const auto odometry = Trajectory::Create(OdometryPoses(used));
+  if (!odometry.ok()) return odometry.status();
+  const double path_length_m = PathLength(odometry->poses());
+  if (path_length_m < impl.options.segment.min_path_length_m) {
+    std::ostringstream text;
+    text.precision(2);
+    text << "lidar: the vehicle did not move (" << std::fixed << path_length_m
+         << " m travelled, at least " << impl.options.segment.min_path_length_m
+         << " m are needed): record while driving";
+    return Status::InsufficientData(text.str());
+  }
+  MappingReport report;
+  report.num_scans_in = impl.num_scans_in;
+  report.num_scans_dropped_at_bound = impl.num_scans_dropped;
+  impl.AddWarnings(used, &report);
+  const PoseSpline spline(*odometry, impl.options.refinement.knot_interval_s);
+  const Rigid3 map_from_first(Eigen::Quaterniond::Identity(), -spline.PoseAt(0.0).translation);
+  std::vector<TimedPose> poses = spline.Sample(kTrajectoryStepS);
+  for (TimedPose& pose : poses) pose.map_from_lidar = map_from_first * pose.map_from_lidar;
+  auto trajectory = Trajectory::Create(std::move(poses));
+  if (!trajectory.ok()) return trajectory.status();
+  return impl.Build(used, std::move(*trajectory), std::move(report), progress);
+}
+
+Result<MappingResult> SegmentMapper::BuildMapWithTrajectory(
+    const Trajectory& map_from_lidar, const ProgressCallback& progress) const {
+  const Impl& impl = *impl_;
+  BufferedScans used;
+  for (const auto& scan : impl.scans) {
+    if (map_from_lidar.Covers(scan->registration.first_point_ns) &&
+        map_from_lidar.Covers(scan->registration.last_point_ns)) {
+      used.push_back(scan);
+    }
+  }
+  if (used.empty()) {
+    return Status::InsufficientData("the given trajectory covers none of the " +
+                                    std::to_string(impl.scans.size()) + " lidar scans");
+  }
+  MappingReport report;
+  report.num_scans_in = impl.num_scans_in;
+  report.num_scans_dropped_at_bound = impl.num_scans_dropped;
+  return impl.Build(used, map_from_lidar, std::move(report), progress);
+}
+
+}  // namespace scenecalib
