@@ -4,6 +4,113 @@
 
 namespace scenecalib {
 
+/// Where new features are looked for.
+struct DetectionOptions {
+  int max_features = 1500;
+  double min_distance_px = 9.0;
+  int bucket_px = 64;
+  double bucket_share = 2.5;
+  double min_relative_score = 3e-4;
+  double min_contrast = 6.0;
+
+  void Visit(OptionVisitor& v) {
+    v.Field("max_features", &max_features, {50, 20000}, "live features aimed at in every image");
+    v.Field("min_distance_px", &min_distance_px, {3, 100}, "distance kept between two features");
+    v.Field("bucket_px", &bucket_px, {16, 1024}, "edge of a bucket that features are spread over");
+    v.Field("bucket_share", &bucket_share, {1, 100},
+            "features a bucket may hold, as a multiple of the even share");
+    v.Field("min_relative_score", &min_relative_score, {0, 1},
+            "smallest corner score as a share of the image's strongest corner");
+    v.Field("min_contrast", &min_contrast, {0, 255},
+            "standard deviation of grey values below which an image is not searched at all");
+  }
+};
+
+/// Following a feature from one image to the next, before it is registered precisely.
+struct FlowOptions {
+  int window_px = 17;
+  int pyramid_levels = 3;
+  double max_forward_backward_px = 1.5;
+  double dark_mean = 45.0;
+
+  void Visit(OptionVisitor& v) {
+    v.Field("window_px", &window_px, {5, 61}, "edge of the Lucas-Kanade window");
+    v.Field("pyramid_levels", &pyramid_levels, {0, 8}, "pyramid levels above full resolution");
+    v.Field("max_forward_backward_px", &max_forward_backward_px, {0.05, 20},
+            "tracking there and back must return this close");
+    v.Field("dark_mean", &dark_mean, {0, 255},
+            "images with a lower mean grey value are equalised (CLAHE) for detection and flow; "
+            "registration always uses the grey values as they came");
+  }
+};
+
+/// Registering every observation against the patch of its track's reference view.
+struct RegistrationOptions {
+  int live_radius_px = 7;
+  int radius_px = 10;
+  int max_iterations = 12;
+  double convergence_px = 0.004;
+  double min_live_ncc = 0.75;
+  double min_ncc = 0.85;
+  double max_live_scale = 1.35;
+  double max_scale = 1.8;
+  double max_correction_px = 3.0;
+  double max_sigma_px = 0.3;
+  double sigma_floor_px = 0.02;
+  double noise_correlation = 4.0;
+
+  void Visit(OptionVisitor& v) {
+    v.Field("live_radius_px", &live_radius_px, {3, 30},
+            "half edge of the patch that keeps a live track from drifting");
+    v.Field("radius_px", &radius_px, {3, 40}, "half edge of the patch of the final registration");
+    v.Field("max_iterations", &max_iterations, {1, 100}, "Gauss-Newton steps");
+    v.Field("convergence_px", &convergence_px, {1e-5, 1}, "step that ends the iteration");
+    v.Field("min_live_ncc", &min_live_ncc, {-1, 1}, "correlation below which a live track ends");
+    v.Field("min_ncc", &min_ncc, {-1, 1}, "correlation below which an observation is dropped");
+    v.Field("max_live_scale", &max_live_scale, {1.05, 10},
+            "change of scale at which a live track takes a new patch to compare with");
+    v.Field("max_scale", &max_scale, {1.05, 10},
+            "largest change of scale, in any direction, between an observation and its reference; "
+            "a track that changes more is split");
+    v.Field("max_correction_px", &max_correction_px, {0.1, 50},
+            "registration may move an observation this far from where the flow put it");
+    v.Field("max_sigma_px", &max_sigma_px, {0.01, 10},
+            "observations less certain than this, in any direction, are dropped");
+    v.Field("sigma_floor_px", &sigma_floor_px, {0, 1},
+            "error of a registration that its residual does not show, added to its covariance");
+    v.Field("noise_correlation", &noise_correlation, {1, 100},
+            "by how much neighbouring residuals' correlation inflates the covariance");
+  }
+};
+
+/// Which tracks are believed.
+struct VerificationOptions {
+  int min_observations = 3;
+  double static_extent_px = 1.0;
+  double min_neighbour_motion_px = 4.0;
+  int frame_gap = 3;
+  int ransac_iterations = 200;
+  double max_epipolar_error_px = 0.7;
+  double max_outlier_share = 0.25;
+  double min_motion_px = 1.0;
+
+  void Visit(OptionVisitor& v) {
+    v.Field("min_observations", &min_observations, {2, 1000}, "shorter tracks are dropped");
+    v.Field("static_extent_px", &static_extent_px, {0, 20},
+            "a track that stays within this while its neighbours move is fixed to the vehicle");
+    v.Field("min_neighbour_motion_px", &min_neighbour_motion_px, {0.5, 1000},
+            "how far a track's neighbours must have moved in its life to call it static");
+    v.Field("frame_gap", &frame_gap, {1, 100}, "images between the two of an epipolar check");
+    v.Field("ransac_iterations", &ransac_iterations, {10, 100000}, "samples per pair of images");
+    v.Field("max_epipolar_error_px", &max_epipolar_error_px, {0.05, 50},
+            "Sampson distance beyond which a pair of observations contradicts the motion");
+    v.Field("max_outlier_share", &max_outlier_share, {0, 1},
+            "share of such pairs at which the whole track is dropped");
+    v.Field("min_motion_px", &min_motion_px, {0, 100},
+            "median motion below which a pair of images cannot be checked");
+  }
+};
+
 /// How much of the past a tracker keeps.
 struct ImageBufferOptions {
   int max_images = 600;
@@ -16,7 +123,17 @@ struct ImageBufferOptions {
 /// Everything that steers feature tracking.
 struct TrackingOptions {
   ImageBufferOptions buffer;
-  void Visit(OptionVisitor& v) { v.Group("buffer", &buffer); }
+  DetectionOptions detection;
+  FlowOptions flow;
+  RegistrationOptions registration;
+  VerificationOptions verification;
+  void Visit(OptionVisitor& v) {
+    v.Group("buffer", &buffer);
+    v.Group("detection", &detection);
+    v.Group("flow", &flow);
+    v.Group("registration", &registration);
+    v.Group("verification", &verification);
+  }
 };
 
 }  // namespace scenecalib

@@ -1,0 +1,97 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <opencv2/core.hpp>
+#include <optional>
+
+namespace scenecalib {
+
+/// Where the pixels around a reference pixel appear in another image, to second order: the pixel at
+/// `offset` from the reference's centre is seen at
+///   center_px + affine * offset + quadratic * (x^2, x y, y^2).
+struct PatchWarp {
+  Eigen::Vector2d center_px = Eigen::Vector2d::Zero();
+  Eigen::Matrix2d affine = Eigen::Matrix2d::Identity();
+  Eigen::Matrix<double, 2, 3> quadratic = Eigen::Matrix<double, 2, 3>::Zero();
+
+  Eigen::Vector2d operator()(const Eigen::Vector2d& offset_px) const {
+    const Eigen::Vector3d second(offset_px.x() * offset_px.x(), offset_px.x() * offset_px.y(),
+                                 offset_px.y() * offset_px.y());
+    return center_px + affine * offset_px + quadratic * second;
+  }
+};
+
+/// What of the warp a registration adjusts, besides gain and bias of the grey values.
+enum class WarpFreedom {
+  kShift,   ///< center_px
+  kAffine,  ///< center_px and affine
+};
+
+struct PatchRegistrationLimits {
+  int max_iterations = 12;
+  double convergence_px = 0.004;
+  double max_correction_px = 3.0;  ///< between the first and the last center_px
+};
+
+/// Outcome of a registration that converged inside the image.
+struct PatchMatch {
+  PatchWarp warp;
+  double ncc = 0.0;             ///< normalised cross-correlation under the window, [-1, 1]
+  double gain = 1.0;            ///< other = gain * reference + bias
+  double bias = 0.0;            ///< grey values
+  double residual_sigma = 0.0;  ///< grey values of the other image
+  /// Covariance of center_px for residuals that are independent between pixels.
+  Eigen::Matrix2d covariance_px2 = Eigen::Matrix2d::Zero();
+  int iterations = 0;
+};
+
+/// The neighbourhood of one pixel of a reference image, prepared for registering other images
+/// against it.
+///
+/// Images are read through the cubic B-spline kernel without its prefilter: that smooths by 0.58 px
+/// alike at every sub-pixel phase, so that neither noise nor interpolation pulls towards the pixel
+/// grid (bilinear reading smooths most half-way between pixels and does).
+///
+/// The model is linear: under the right warp, with d the remaining displacement,
+///   other(warp(o)) = gain * reference(o) + bias + gain * gradient(o) . d(o),
+/// d(o) = d0 or d0 + D o, so that the normal matrix belongs to the reference alone and is
+/// factorised once (inverse-compositional Gauss-Newton; Baker and Matthews, IJCV 2004). A Gaussian
+/// window weighs the centre most.
+class PatchTemplate {
+ public:
+  /// None when the window leaves the image or holds too little structure to be registered.
+  static std::optional<PatchTemplate> Create(const cv::Mat& image, const Eigen::Vector2d& center_px,
+                                             int radius_px, WarpFreedom freedom);
+
+  /// Refines `initial` on another 8-bit grey image. None when the window leaves that image, the
+  /// iteration does not converge within the limits or the warp degenerates.
+  std::optional<PatchMatch> Register(const cv::Mat& image, const PatchWarp& initial,
+                                     const PatchRegistrationLimits& limits) const;
+
+  int radius_px() const { return radius_px_; }
+
+ private:
+  using Design = Eigen::Matrix<float, Eigen::Dynamic, 8>;
+
+  bool Sample(const cv::Mat& image, const PatchWarp& warp, Eigen::VectorXf* values) const;
+
+  int radius_px_ = 0;
+  int num_parameters_ = 0;           ///< 4 (shift) or 8 (affine), with gain and bias
+  Eigen::VectorXf reference_;        ///< grey values less their weighted mean
+  Eigen::MatrixXf design_;           ///< pixels x parameters: displacement..., gain, bias
+  Eigen::MatrixXf weighted_;         ///< the same, each row times its weight
+  Eigen::MatrixXd inverse_;          ///< of design^T W design
+  Eigen::Matrix2d unit_covariance_;  ///< of d0 for residuals of unit variance
+  double variance_ = 0.0;            ///< weighted variance of the reference
+};
+
+/// Grey value and gradient of an 8-bit image read through the cubic B-spline kernel. The pixel must
+/// be at least 2 px inside the image.
+struct SmoothedPixel {
+  float value = 0.0F;
+  float gradient_x = 0.0F;
+  float gradient_y = 0.0F;
+};
+SmoothedPixel ReadSmoothed(const cv::Mat& image, double x_px, double y_px);
+
+}  // namespace scenecalib

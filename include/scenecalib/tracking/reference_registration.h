@@ -1,0 +1,48 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <map>
+#include <opencv2/core.hpp>
+#include <vector>
+
+#include "scenecalib/base/timestamp.h"
+#include "scenecalib/tracking/track.h"
+#include "scenecalib/tracking/tracking_options.h"
+
+namespace scenecalib {
+
+/// A sighting as the live tracker left it.
+struct LiveObservation {
+  Timestamp stamp_ns = 0;
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+  /// Offsets around the track's first pixel -> offsets around this one.
+  Eigen::Matrix2d affine_from_first = Eigen::Matrix2d::Identity();
+};
+
+/// A track before its final registration: close to the truth, but it may have drifted.
+struct LiveTrack {
+  std::int64_t id = 0;
+  std::vector<LiveObservation> observations;
+};
+
+/// Largest factor by which an affine map stretches or shrinks any direction, >= 1.
+double ScaleChange(const Eigen::Matrix2d& affine);
+
+/// The final tracks: every observation registered directly, with a free affine warp, gain and bias,
+/// against the patch of one reference view near the middle of its track, so that no error can
+/// accumulate along the track. Observations that do not match the reference are dropped; where the
+/// scale changes too much for one reference the track is split, and the parts are separate tracks
+/// (they see points near each other, but not the same one). The scene point of a track is the whole
+/// pixel nearest to where the live tracker was in the reference view.
+///
+/// Ids are live id * kMaxTrackParts + part. Parallel over tracks; the result does not depend on the
+/// number of threads. `mask` is zero where an observation may not lie; every stamp must have its
+/// image.
+constexpr int kMaxTrackParts = 8;
+std::vector<Track> RegisterAgainstReference(const std::vector<LiveTrack>& live_tracks,
+                                            const std::map<Timestamp, cv::Mat>& images,
+                                            const cv::Mat& mask, int min_observations,
+                                            const RegistrationOptions& options);
+
+}  // namespace scenecalib

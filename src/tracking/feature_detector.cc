@@ -1,0 +1,101 @@
+#include "scenecalib/tracking/feature_detector.h"
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+
+namespace scenecalib {
+namespace {
+
+struct Corner {
+  float score;
+  int x;
+  int y;
+};
+
+/// Local maxima of the corner score above the threshold, strongest first; ties in raster order.
+std::vector<Corner> FindCorners(const cv::Mat& image, const cv::Mat& mask, double min_relative) {
+  cv::Mat score, dilated;
+  cv::cornerMinEigenVal(image, score, 5, 3);
+  double max_score = 0.0;
+  cv::minMaxLoc(score, nullptr, &max_score, nullptr, nullptr, mask);
+  cv::dilate(score, dilated, cv::Mat());
+  const auto threshold = static_cast<float>(max_score * min_relative);
+  std::vector<Corner> corners;
+  for (int y = 2; y < image.rows - 2; ++y) {
+    const float* row = score.ptr<float>(y);
+    const float* neighbourhood = dilated.ptr<float>(y);
+    const uchar* allowed = mask.ptr<uchar>(y);
+    for (int x = 2; x < image.cols - 2; ++x) {
+      if (allowed[x] != 0 && row[x] > threshold && row[x] == neighbourhood[x]) {
+        corners.push_back({row[x], x, y});
+      }
+    }
+  }
+  std::stable_sort(corners.begin(), corners.end(),
+                   [](const Corner& a, const Corner& b) { return a.score > b.score; });
+  return corners;
+}
+
+/// Which buckets and which surroundings are taken.
+class Occupancy {
+ public:
+  Occupancy(const cv::Size& size, const DetectionOptions& options)
+      : taken_(size, CV_8UC1, cv::Scalar(0)),
+        radius_px_(static_cast<int>(std::lround(options.min_distance_px))),
+        bucket_px_(options.bucket_px),
+        columns_((size.width + bucket_px_ - 1) / bucket_px_),
+        counts_(columns_ * ((size.height + bucket_px_ - 1) / bucket_px_), 0),
+        quota_(static_cast<int>(std::ceil(options.bucket_share * options.max_features /
+                                          static_cast<double>(counts_.size())))) {}
+
+  bool IsFree(int x, int y) const {
+    return taken_.at<uchar>(y, x) == 0 && counts_[Bucket(x, y)] < quota_;
+  }
+
+  void Take(int x, int y) {
+    cv::circle(taken_, {x, y}, radius_px_, cv::Scalar(255), cv::FILLED);
+    ++counts_[Bucket(x, y)];
+  }
+
+ private:
+  std::size_t Bucket(int x, int y) const {
+    return static_cast<std::size_t>((y / bucket_px_) * columns_ + x / bucket_px_);
+  }
+
+  cv::Mat taken_;
+  int radius_px_;
+  int bucket_px_;
+  int columns_;
+  std::vector<int> counts_;
+  int quota_;
+};
+
+}  // namespace
+
+std::vector<Eigen::Vector2d> DetectFeatures(const cv::Mat& image, const cv::Mat& mask,
+                                            const std::vector<Eigen::Vector2d>& live,
+                                            const DetectionOptions& options) {
+  std::vector<Eigen::Vector2d> features;
+  int missing = options.max_features - static_cast<int>(live.size());
+  if (missing <= 0) return features;
+  cv::Scalar mean, contrast;
+  cv::meanStdDev(image, mean, contrast, mask);
+  if (contrast[0] < options.min_contrast) return features;
+
+  Occupancy occupancy(image.size(), options);
+  for (const Eigen::Vector2d& pixel : live) {
+    const int x = static_cast<int>(std::lround(pixel.x()));
+    const int y = static_cast<int>(std::lround(pixel.y()));
+    if (x >= 0 && y >= 0 && x < image.cols && y < image.rows) occupancy.Take(x, y);
+  }
+  for (const Corner& corner : FindCorners(image, mask, options.min_relative_score)) {
+    if (!occupancy.IsFree(corner.x, corner.y)) continue;
+    occupancy.Take(corner.x, corner.y);
+    features.emplace_back(corner.x, corner.y);
+    if (--missing == 0) break;
+  }
+  return features;
+}
+
+}  // namespace scenecalib

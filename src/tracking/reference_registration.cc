@@ -1,0 +1,196 @@
+#include "scenecalib/tracking/reference_registration.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <Eigen/LU>
+#include <Eigen/SVD>
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <optional>
+
+#include "scenecalib/tracking/patch_registration.h"
+
+namespace scenecalib {
+namespace {
+
+/// Observations [begin, end) that share a reference.
+struct Span {
+  int begin = 0;
+  int end = 0;
+  int reference = 0;
+};
+
+/// The reference with the most neighbours, contiguous in time, within the scale limit; among equals
+/// the one nearest to the middle of its span, so that the change of view is shared by both ends.
+Span ChooseReference(const LiveTrack& track, int begin, int end, double max_scale) {
+  const auto& observations = track.observations;
+  Span best;
+  int best_offset = 0;
+  for (int reference = begin; reference < end; ++reference) {
+    const Eigen::Matrix2d first_from_reference =
+        observations[reference].affine_from_first.inverse();
+    const auto is_near = [&](int i) {
+      return ScaleChange(observations[i].affine_from_first * first_from_reference) <= max_scale;
+    };
+    Span span{reference, reference + 1, reference};
+    while (span.begin > begin && is_near(span.begin - 1)) --span.begin;
+    while (span.end < end && is_near(span.end)) ++span.end;
+    const int size = span.end - span.begin;
+    const int offset = std::abs(2 * reference + 1 - span.begin - span.end);
+    const int best_size = best.end - best.begin;
+    if (size > best_size || (size == best_size && offset < best_offset)) {
+      best = span;
+      best_offset = offset;
+    }
+  }
+  return best;
+}
+
+class TrackRegistrar {
+ public:
+  TrackRegistrar(const LiveTrack& live, const std::map<Timestamp, cv::Mat>& images,
+                 const cv::Mat& mask, int min_observations, const RegistrationOptions& options)
+      : live_(live),
+        images_(images),
+        mask_(mask),
+        min_observations_(min_observations),
+        options_(options) {}
+
+  std::vector<Track> Run() {
+    RegisterRange(0, static_cast<int>(live_.observations.size()));
+    return std::move(tracks_);
+  }
+
+ private:
+  /// Registers the best span of the range, then what lies before and after what it could accept.
+  void RegisterRange(int begin, int end) {
+    if (end - begin < min_observations_ || num_attempts_ >= kMaxTrackParts) return;
+    const Span span = ChooseReference(live_, begin, end, options_.max_scale);
+    Track track;
+    track.id = live_.id * kMaxTrackParts + num_attempts_;
+    ++num_attempts_;
+    int first = span.reference;
+    int last = span.reference;
+    if (span.end - span.begin >= min_observations_) RegisterSpan(span, &track, &first, &last);
+    if (static_cast<int>(track.observations.size()) >= min_observations_) {
+      tracks_.push_back(std::move(track));
+    }
+    RegisterRange(begin, first);
+    RegisterRange(last + 1, end);
+  }
+
+  void RegisterSpan(const Span& span, Track* track, int* first, int* last) const {
+    const LiveObservation& reference = live_.observations[span.reference];
+    const Eigen::Vector2d center_px(std::round(reference.pixel.x()),
+                                    std::round(reference.pixel.y()));
+    if (!IsAllowed(center_px)) return;
+    const auto patch = PatchTemplate::Create(images_.at(reference.stamp_ns), center_px,
+                                             options_.radius_px, WarpFreedom::kAffine);
+    if (!patch) return;
+    const Eigen::Matrix2d first_from_reference = reference.affine_from_first.inverse();
+    Eigen::Matrix2d covariance_sum = Eigen::Matrix2d::Zero();
+    for (int i = span.begin; i < span.end; ++i) {
+      const LiveObservation& live = live_.observations[i];
+      TrackObservation observation;
+      observation.stamp_ns = live.stamp_ns;
+      if (i == span.reference) {
+        observation.pixel = center_px;
+        track->reference = static_cast<int>(track->observations.size());
+      } else {
+        PatchWarp initial;
+        initial.affine = live.affine_from_first * first_from_reference;
+        initial.center_px = live.pixel + initial.affine * (center_px - reference.pixel);
+        const auto match = Match(*patch, initial, live.stamp_ns);
+        if (!match) continue;
+        observation.pixel = match->warp.center_px;
+        observation.covariance_px2 = match->covariance_px2;
+        const Eigen::Matrix2d to_reference = match->warp.affine.inverse();
+        covariance_sum += to_reference * match->covariance_px2 * to_reference.transpose();
+      }
+      track->observations.push_back(observation);
+      *first = std::min(*first, i);
+      *last = std::max(*last, i);
+    }
+    ShareCovariance(covariance_sum, track);
+  }
+
+  /// The residual of a match holds the noise of both images, so that each image has half of its
+  /// covariance; the reference's half is common to all observations, that is, its own.
+  void ShareCovariance(const Eigen::Matrix2d& sum_in_reference, Track* track) const {
+    const int num_matches = static_cast<int>(track->observations.size()) - 1;
+    if (num_matches < 1) return;
+    const double floor = options_.sigma_floor_px * options_.sigma_floor_px;
+    track->observations[track->reference].covariance_px2 = sum_in_reference / num_matches;
+    for (TrackObservation& observation : track->observations) {
+      observation.covariance_px2 =
+          0.5 * observation.covariance_px2 + floor * Eigen::Matrix2d::Identity();
+    }
+  }
+
+  std::optional<PatchMatch> Match(const PatchTemplate& patch, const PatchWarp& initial,
+                                  Timestamp stamp_ns) const {
+    const PatchRegistrationLimits limits{options_.max_iterations, options_.convergence_px,
+                                         options_.max_correction_px};
+    auto match = patch.Register(images_.at(stamp_ns), initial, limits);
+    if (!match || match->ncc < options_.min_ncc || !IsAllowed(match->warp.center_px) ||
+        ScaleChange(match->warp.affine) > 1.2 * options_.max_scale) {
+      return std::nullopt;
+    }
+    match->covariance_px2 *= options_.noise_correlation;
+    const double max_variance = options_.max_sigma_px * options_.max_sigma_px;
+    // The trace bounds the larger eigenvalue from above, twice the determinant's root from below.
+    if (!(match->covariance_px2.trace() < max_variance)) return std::nullopt;
+    return match;
+  }
+
+  bool IsAllowed(const Eigen::Vector2d& pixel) const {
+    const int x = static_cast<int>(std::lround(pixel.x()));
+    const int y = static_cast<int>(std::lround(pixel.y()));
+    return x >= 0 && y >= 0 && x < mask_.cols && y < mask_.rows && mask_.at<uchar>(y, x) != 0;
+  }
+
+  const LiveTrack& live_;
+  const std::map<Timestamp, cv::Mat>& images_;
+  const cv::Mat& mask_;
+  const int min_observations_;
+  const RegistrationOptions& options_;
+  std::vector<Track> tracks_;
+  int num_attempts_ = 0;
+};
+
+}  // namespace
+
+double ScaleChange(const Eigen::Matrix2d& affine) {
+  // Singular values of a 2x2 matrix in closed form.
+  const double sum = affine.squaredNorm();
+  const double determinant = std::abs(affine.determinant());
+  const double root = std::sqrt(std::max(0.0, sum * sum - 4.0 * determinant * determinant));
+  const double largest = std::sqrt(0.5 * (sum + root));
+  const double smallest = determinant / std::max(largest, 1e-12);
+  return std::max(largest, 1.0 / std::max(smallest, 1e-12));
+}
+
+std::vector<Track> RegisterAgainstReference(const std::vector<LiveTrack>& live_tracks,
+                                            const std::map<Timestamp, cv::Mat>& images,
+                                            const cv::Mat& mask, int min_observations,
+                                            const RegistrationOptions& options) {
+  std::vector<std::vector<Track>> parts(live_tracks.size());
+  tbb::parallel_for(
+      tbb::blocked_range<std::size_t>(0, live_tracks.size(), 16),
+      [&](const tbb::blocked_range<std::size_t>& range) {
+        for (std::size_t i = range.begin(); i < range.end(); ++i) {
+          parts[i] = TrackRegistrar(live_tracks[i], images, mask, min_observations, options).Run();
+        }
+      });
+  std::vector<Track> tracks;
+  for (auto& part : parts) {
+    std::move(part.begin(), part.end(), std::back_inserter(tracks));
+  }
+  std::sort(tracks.begin(), tracks.end(),
+            [](const Track& a, const Track& b) { return a.id < b.id; });
+  return tracks;
+}
+
+}  // namespace scenecalib

@@ -1,0 +1,164 @@
+#include "scenecalib/tracking/relative_motion.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <Eigen/SVD>
+#include <algorithm>
+#include <cmath>
+
+#include "scenecalib/base/random.h"
+#include "scenecalib/geometry/so3.h"
+
+namespace scenecalib {
+namespace {
+
+constexpr int kSampleSize = 6;
+constexpr int kMinPairs = 12;
+
+/// Residual and its derivatives by a left perturbation of the rotation and of the direction.
+struct EpipolarResidual {
+  double error_px = 0.0;
+  Eigen::Vector3d by_rotation_px;
+  Eigen::Vector3d by_direction_px;
+};
+
+EpipolarResidual Evaluate(const RayPair& pair, const Eigen::Quaterniond& rotation,
+                          const Eigen::Vector3d& direction) {
+  const Eigen::Vector3d rotated = rotation * pair.ray_in_first;
+  const Eigen::Vector3d line_in_second = direction.cross(rotated);
+  const Eigen::Vector3d line_in_first = rotation.conjugate() * pair.ray_in_second.cross(direction);
+  const double scale = std::sqrt((pair.second_by_pixel.transpose() * line_in_second).squaredNorm() +
+                                 (pair.first_by_pixel.transpose() * line_in_first).squaredNorm());
+  // A point at the epipole satisfies every constraint; there the gradient vanishes as well.
+  const double inverse = 1.0 / std::max(scale, 1e-9);
+  EpipolarResidual residual;
+  residual.error_px = pair.ray_in_second.dot(line_in_second) * inverse;
+  residual.by_direction_px = rotated.cross(pair.ray_in_second) * inverse;
+  residual.by_rotation_px = rotated.cross(pair.ray_in_second.cross(direction)) * inverse;
+  return residual;
+}
+
+/// Rotation that maps the first rays onto the second best, discounting pairs that disagree.
+Eigen::Quaterniond FitRotation(const std::vector<RayPair>& pairs) {
+  Eigen::Quaterniond rotation = Eigen::Quaterniond::Identity();
+  for (int iteration = 0; iteration < 8; ++iteration) {
+    Eigen::Matrix3d correlation = Eigen::Matrix3d::Zero();
+    for (const RayPair& pair : pairs) {
+      const double angle = (rotation * pair.ray_in_first - pair.ray_in_second).norm();
+      const double weight = 1.0 / (angle + 0.005);  // a smooth absolute value, radians
+      correlation += weight * pair.ray_in_second * pair.ray_in_first.transpose();
+    }
+    const Eigen::JacobiSVD<Eigen::Matrix3d> svd(correlation,
+                                                Eigen::ComputeFullU | Eigen::ComputeFullV);
+    Eigen::Vector3d sign(1.0, 1.0, (svd.matrixU() * svd.matrixV().transpose()).determinant());
+    rotation = Eigen::Quaterniond(svd.matrixU() * sign.asDiagonal() * svd.matrixV().transpose());
+  }
+  return rotation;
+}
+
+/// Direction that the chosen pairs agree with best under a given rotation: the normal of the plane
+/// that their epipolar planes' normals span.
+Eigen::Vector3d FitDirection(const std::vector<RayPair>& pairs, const std::vector<int>& chosen,
+                             const Eigen::Quaterniond& rotation) {
+  Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();
+  for (int i : chosen) {
+    const Eigen::Vector3d normal = (rotation * pairs[i].ray_in_first).cross(pairs[i].ray_in_second);
+    scatter += normal * normal.transpose();
+  }
+  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(scatter).eigenvectors().col(0);
+}
+
+/// Gauss-Newton on the five parameters over the chosen pairs; `huber_px` tames outliers.
+void Refine(const std::vector<RayPair>& pairs, const std::vector<int>& chosen, int iterations,
+            double huber_px, RelativeMotion* motion) {
+  for (int iteration = 0; iteration < iterations; ++iteration) {
+    const Eigen::Vector3d& t = motion->direction;
+    const Eigen::Vector3d tangent_1 = t.unitOrthogonal();
+    const Eigen::Vector3d tangent_2 = t.cross(tangent_1);
+    Eigen::Matrix<double, 5, 5> normal = Eigen::Matrix<double, 5, 5>::Zero();
+    Eigen::Matrix<double, 5, 1> gradient = Eigen::Matrix<double, 5, 1>::Zero();
+    for (int i : chosen) {
+      const EpipolarResidual r = Evaluate(pairs[i], motion->second_from_first, t);
+      Eigen::Matrix<double, 5, 1> jacobian;
+      jacobian << r.by_rotation_px, tangent_1.dot(r.by_direction_px),
+          tangent_2.dot(r.by_direction_px);
+      const double weight = std::min(1.0, huber_px / std::max(std::abs(r.error_px), 1e-12));
+      normal += weight * jacobian * jacobian.transpose();
+      gradient += weight * r.error_px * jacobian;
+    }
+    // A trace-relative damping keeps directions that the data leaves open (no translation) still.
+    normal.diagonal().array() += 1e-9 * normal.trace() + 1e-12;
+    Eigen::Matrix<double, 5, 1> step = -normal.ldlt().solve(gradient);
+    const double size = step.norm();
+    if (!std::isfinite(size)) return;
+    if (size > 0.3) step *= 0.3 / size;
+    motion->second_from_first = (ExpSo3(step.head<3>()) * motion->second_from_first).normalized();
+    motion->direction = (t + step[3] * tangent_1 + step[4] * tangent_2).normalized();
+  }
+}
+
+/// Truncated squared error (MSAC), so that among equal counts the tighter fit wins.
+double Score(const std::vector<RayPair>& pairs, const RelativeMotion& motion, double max_error_px) {
+  const double bound = max_error_px * max_error_px;
+  double score = 0.0;
+  for (const RayPair& pair : pairs) {
+    const double error = EpipolarErrorPx(pair, motion);
+    score += std::min(error * error, bound);
+  }
+  return score;
+}
+
+std::vector<int> Inliers(const std::vector<RayPair>& pairs, const RelativeMotion& motion,
+                         double max_error_px) {
+  std::vector<int> inliers;
+  for (int i = 0; i < static_cast<int>(pairs.size()); ++i) {
+    if (std::abs(EpipolarErrorPx(pairs[i], motion)) <= max_error_px) inliers.push_back(i);
+  }
+  return inliers;
+}
+
+}  // namespace
+
+double EpipolarErrorPx(const RayPair& pair, const RelativeMotion& motion) {
+  return Evaluate(pair, motion.second_from_first, motion.direction).error_px;
+}
+
+std::optional<RelativeMotion> EstimateRelativeMotion(const std::vector<RayPair>& pairs,
+                                                     const RelativeMotionOptions& options) {
+  if (static_cast<int>(pairs.size()) < kMinPairs) return std::nullopt;
+  const Eigen::Quaterniond common_rotation = FitRotation(pairs);
+  Random random(options.seed);
+  RelativeMotion best;
+  double best_score = -1.0;
+  std::vector<int> sample(kSampleSize);
+  for (int trial = 0; trial < options.num_samples; ++trial) {
+    for (int& index : sample) index = static_cast<int>(random.Index(pairs.size()));
+    RelativeMotion motion;
+    motion.second_from_first = common_rotation;
+    motion.direction = FitDirection(pairs, sample, common_rotation);
+    Refine(pairs, sample, 6, 20.0, &motion);
+    const double score = Score(pairs, motion, options.max_error_px);
+    if (best_score < 0.0 || score < best_score) {
+      best_score = score;
+      best = motion;
+    }
+  }
+  for (int round = 0; round < 3; ++round) {
+    const std::vector<int> inliers = Inliers(pairs, best, 2.0 * options.max_error_px);
+    if (static_cast<int>(inliers.size()) < kMinPairs) break;
+    Refine(pairs, inliers, 3, 0.5 * options.max_error_px, &best);
+  }
+  const std::vector<int> inliers = Inliers(pairs, best, options.max_error_px);
+  best.num_inliers = static_cast<int>(inliers.size());
+  if (best.num_inliers < kMinPairs) return std::nullopt;
+  best.inlier.assign(pairs.size(), false);
+  double sum = 0.0;
+  for (int i : inliers) {
+    best.inlier[i] = true;
+    sum += std::pow(EpipolarErrorPx(pairs[i], best), 2);
+  }
+  best.inlier_rms_px = std::sqrt(sum / best.num_inliers);
+  return best;
+}
+
+}  // namespace scenecalib

@@ -1,0 +1,287 @@
+#include "scenecalib/tracking/camera_tracker.h"
+
+#include <gtest/gtest.h>
+
+#include <opencv2/imgproc.hpp>
+
+#include "scenecalib/base/options.h"
+#include "scenecalib/geometry/so3.h"
+#include "tracking/synthetic_scene.h"
+
+namespace scenecalib {
+namespace {
+
+using testing::HitPlanes;
+using testing::MakeFisheye;
+using testing::MakePinhole;
+using testing::RenderPlanes;
+using testing::Texture;
+using testing::TexturedPlane;
+
+constexpr Timestamp kPeriodNs = 100'000'000;
+constexpr int kNumImages = 14;
+
+TrackingOptions SmallOptions() {
+  TrackingOptions options;
+  options.detection.max_features = 250;
+  return options;
+}
+
+/// A road 1.5 m below the camera and a facade to the right, slanted to the direction of travel.
+std::vector<TexturedPlane> Street() {
+  const Eigen::Vector3d along = Eigen::Vector3d(0.2, 0.0, 1.0).normalized();
+  return {{{0, 1.5, 0}, Eigen::Vector3d::UnitX(), Eigen::Vector3d::UnitZ(), Texture(1, 0.25, 2.0)},
+          {{2.5, 0, 0}, along, Eigen::Vector3d::UnitY(), Texture(2, 0.25, 2.0)}};
+}
+
+/// Drives forward and a little sideways while pitching and turning.
+Rigid3 MapFromCamera(int i) {
+  const double t = 0.1 * i;
+  return {ExpSo3({0.01 * std::sin(9.0 * t), 0.08 * t, 0.0}), {0.2 * t, 0.0, 4.0 * t}};
+}
+
+Timestamp Stamp(int i) { return 1'000'000'000 + i * kPeriodNs; }
+
+/// A drive through the street, made once.
+const std::vector<cv::Mat>& StreetImages(const CameraModelPtr& model) {
+  static std::map<std::string, std::vector<cv::Mat>> cache;
+  auto& images = cache[model->name()];
+  for (int i = static_cast<int>(images.size()); i < kNumImages; ++i) {
+    images.push_back(RenderPlanes(Street(), *model, MapFromCamera(i), 2.0, i + 1));
+  }
+  return images;
+}
+
+CameraModelPtr Pinhole() {
+  static const CameraModelPtr model = MakePinhole(400, 300, 220.0);
+  return model;
+}
+
+/// Distance of every observation from where the reference's scene point truly appears.
+std::vector<double> TrueErrorsPx(const CameraModel& model, const std::vector<Track>& tracks) {
+  std::vector<double> errors_px;
+  for (const Track& track : tracks) {
+    const TrackObservation& reference = track.observations[track.reference];
+    const auto index = [](Timestamp stamp) {
+      return static_cast<int>((stamp - Stamp(0)) / kPeriodNs);
+    };
+    const auto hit =
+        HitPlanes(Street(), model, MapFromCamera(index(reference.stamp_ns)), reference.pixel);
+    if (!hit) continue;
+    for (const TrackObservation& observation : track.observations) {
+      if (observation.stamp_ns == reference.stamp_ns) continue;
+      const auto truth =
+          model.Project(MapFromCamera(index(observation.stamp_ns)).Inverse() * hit->point_in_map_m);
+      if (truth) errors_px.push_back((*truth - observation.pixel).norm());
+    }
+  }
+  return errors_px;
+}
+
+double Quantile(std::vector<double> values, double quantile) {
+  std::sort(values.begin(), values.end());
+  return values.empty() ? 0.0 : values[static_cast<std::size_t>(quantile * (values.size() - 1))];
+}
+
+CameraSegment TrackStreet(const CameraModelPtr& model, const TrackingOptions& options) {
+  CameraTracker tracker("cam", model, options);
+  for (int i = 0; i < kNumImages; ++i) {
+    const auto frame = tracker.AddImage({Stamp(i), StreetImages(model)[i]});
+    EXPECT_TRUE(frame.ok()) << frame.status().message();
+  }
+  return tracker.Segment();
+}
+
+TEST(CameraTracker, FollowsAStreetWithoutDrift) {
+  const CameraSegment segment = TrackStreet(Pinhole(), SmallOptions());
+  EXPECT_EQ(segment.num_images_in, kNumImages);
+  EXPECT_EQ(segment.images.size(), static_cast<std::size_t>(kNumImages));
+  EXPECT_TRUE(segment.warnings.empty());
+  EXPECT_GT(segment.tracks.size(), 200U);
+  const std::vector<double> errors_px = TrueErrorsPx(*Pinhole(), segment.tracks);
+  EXPECT_GT(errors_px.size(), 1000U);
+  EXPECT_LT(Quantile(errors_px, 0.5), 0.06);
+  EXPECT_LT(Quantile(errors_px, 0.95), 0.4);
+}
+
+TEST(CameraTracker, TracksKeepTheContractOfTheirType) {
+  const CameraSegment segment = TrackStreet(Pinhole(), SmallOptions());
+  std::int64_t previous_id = -1;
+  for (const Track& track : segment.tracks) {
+    EXPECT_GT(track.id, previous_id);
+    previous_id = track.id;
+    ASSERT_GE(track.observations.size(), 3U);
+    ASSERT_GE(track.reference, 0);
+    ASSERT_LT(track.reference, static_cast<int>(track.observations.size()));
+    for (std::size_t i = 0; i < track.observations.size(); ++i) {
+      const TrackObservation& observation = track.observations[i];
+      EXPECT_TRUE(Pinhole()->IsInImage(observation.pixel));
+      EXPECT_EQ(segment.images.count(observation.stamp_ns), 1U);
+      EXPECT_GT(observation.covariance_px2.determinant(), 0.0);
+      if (i > 0) {
+        EXPECT_GT(observation.stamp_ns, track.observations[i - 1].stamp_ns);
+      }
+    }
+  }
+}
+
+TEST(CameraTracker, IsDeterministic) {
+  const CameraSegment a = TrackStreet(Pinhole(), SmallOptions());
+  const CameraSegment b = TrackStreet(Pinhole(), SmallOptions());
+  ASSERT_EQ(a.tracks.size(), b.tracks.size());
+  for (std::size_t i = 0; i < a.tracks.size(); ++i) {
+    ASSERT_EQ(a.tracks[i].id, b.tracks[i].id);
+    ASSERT_EQ(a.tracks[i].observations.size(), b.tracks[i].observations.size());
+    for (std::size_t k = 0; k < a.tracks[i].observations.size(); ++k) {
+      EXPECT_EQ(a.tracks[i].observations[k].pixel, b.tracks[i].observations[k].pixel);
+    }
+  }
+}
+
+TEST(CameraTracker, TracksAFisheyeInsideItsDomain) {
+  const CameraModelPtr fisheye = MakeFisheye(400, 300, 110.0);
+  const CameraSegment segment = TrackStreet(fisheye, SmallOptions());
+  EXPECT_GT(segment.tracks.size(), 100U);
+  EXPECT_LT(Quantile(TrueErrorsPx(*fisheye, segment.tracks), 0.5), 0.08);
+}
+
+TEST(CameraTracker, DropsWhatIsFixedToTheVehicle) {
+  CameraTracker tracker("cam", Pinhole(), SmallOptions());
+  const Texture bonnet(9, 8.0, 30.0);
+  constexpr int kBonnetTop = 240;
+  for (int i = 0; i < kNumImages; ++i) {
+    cv::Mat image = StreetImages(Pinhole())[i].clone();
+    for (int y = kBonnetTop; y < image.rows; ++y) {
+      for (int x = 0; x < image.cols; ++x) image.at<uchar>(y, x) = testing::ToGrey(bonnet(x, y));
+    }
+    ASSERT_TRUE(tracker.AddImage({Stamp(i), image}).ok());
+  }
+  const CameraSegment segment = tracker.Segment();
+  EXPECT_GT(segment.tracks.size(), 100U);
+  int num_on_bonnet = 0;
+  for (const Track& track : segment.tracks) {
+    num_on_bonnet += track.observations[track.reference].pixel.y() > kBonnetTop ? 1 : 0;
+  }
+  EXPECT_EQ(num_on_bonnet, 0);
+}
+
+TEST(CameraTracker, DropsObjectsThatMoveAcrossTheEpipolarLines) {
+  CameraTracker tracker("cam", Pinhole(), SmallOptions());
+  const Texture object(9, 8.0, 30.0);
+  const auto object_left_px = [](int i) { return 60.0 + 4.0 * i; };
+  const auto object_top_px = [](int i) { return 60.0 + 2.5 * i; };
+  constexpr double kObjectSizePx = 70.0;
+  for (int i = 0; i < kNumImages; ++i) {
+    cv::Mat image = StreetImages(Pinhole())[i].clone();
+    for (int y = 0; y < image.rows; ++y) {
+      for (int x = 0; x < image.cols; ++x) {
+        const double u = x - object_left_px(i);
+        const double v = y - object_top_px(i);
+        if (u < 0 || v < 0 || u > kObjectSizePx || v > kObjectSizePx) continue;
+        image.at<uchar>(y, x) = testing::ToGrey(object(u, v));
+      }
+    }
+    ASSERT_TRUE(tracker.AddImage({Stamp(i), image}).ok());
+  }
+  int num_on_object = 0;
+  for (const Track& track : tracker.Segment().tracks) {
+    const TrackObservation& reference = track.observations[track.reference];
+    const int i = static_cast<int>((reference.stamp_ns - Stamp(0)) / kPeriodNs);
+    const double u = reference.pixel.x() - object_left_px(i);
+    const double v = reference.pixel.y() - object_top_px(i);
+    num_on_object += u > 5 && v > 5 && u < kObjectSizePx - 5 && v < kObjectSizePx - 5 ? 1 : 0;
+  }
+  EXPECT_LE(num_on_object, 2);
+}
+
+TEST(CameraTracker, ReportsBlackImagesAndGoesOn) {
+  CameraTracker tracker("cam_left", Pinhole(), SmallOptions());
+  const cv::Mat black(300, 400, CV_8UC1, cv::Scalar(0));
+  for (int i = 0; i < kNumImages; ++i) {
+    const bool is_black = i >= 4 && i < 7;
+    ASSERT_TRUE(tracker.AddImage({Stamp(i), is_black ? black : StreetImages(Pinhole())[i]}).ok());
+  }
+  const CameraSegment segment = tracker.Segment();
+  EXPECT_GT(segment.tracks.size(), 50U);
+  ASSERT_EQ(segment.warnings.size(), 1U);
+  EXPECT_EQ(segment.warnings[0], "cam_left: 3 of 14 images are black");
+}
+
+TEST(CameraTracker, SurvivesACameraThatIsAlwaysBlack) {
+  CameraTracker tracker("cam", Pinhole(), SmallOptions());
+  for (int i = 0; i < 5; ++i) {
+    const auto frame = tracker.AddImage({Stamp(i), cv::Mat(300, 400, CV_8UC1, cv::Scalar(0))});
+    ASSERT_TRUE(frame.ok());
+    EXPECT_EQ(frame->num_new, 0);
+  }
+  const CameraSegment segment = tracker.Segment();
+  EXPECT_TRUE(segment.tracks.empty());
+  EXPECT_EQ(segment.warnings.size(), 2U);
+}
+
+TEST(CameraTracker, FollowsDarkImages) {
+  CameraTracker tracker("cam", Pinhole(), SmallOptions());
+  for (int i = 0; i < kNumImages; ++i) {
+    cv::Mat dark;
+    StreetImages(Pinhole())[i].convertTo(dark, CV_8UC1, 0.15);
+    ASSERT_TRUE(tracker.AddImage({Stamp(i), dark}).ok());
+  }
+  const CameraSegment segment = tracker.Segment();
+  EXPECT_GT(segment.tracks.size(), 150U);
+  EXPECT_LT(Quantile(TrueErrorsPx(*Pinhole(), segment.tracks), 0.5), 0.12);
+}
+
+TEST(CameraTracker, RefusesImagesOfTheWrongSizeTypeOrTime) {
+  CameraTracker tracker("cam", Pinhole(), SmallOptions());
+  const cv::Mat& image = StreetImages(Pinhole())[0];
+  const auto size = tracker.AddImage({Stamp(0), cv::Mat(300, 401, CV_8UC1, cv::Scalar(0))});
+  ASSERT_FALSE(size.ok());
+  EXPECT_NE(size.status().message().find("401x300"), std::string::npos);
+  EXPECT_FALSE(tracker.AddImage({Stamp(0), cv::Mat(300, 400, CV_16UC1, cv::Scalar(0))}).ok());
+  EXPECT_FALSE(tracker.AddImage({Stamp(0), cv::Mat()}).ok());
+  EXPECT_TRUE(tracker.AddImage({Stamp(1), image}).ok());
+  EXPECT_FALSE(tracker.AddImage({Stamp(1), image}).ok()) << "repeated stamp";
+  EXPECT_FALSE(tracker.AddImage({Stamp(0), image}).ok()) << "stamp runs backwards";
+  EXPECT_TRUE(tracker.AddImage({Stamp(2), image}).ok()) << "a refused image changes nothing";
+  EXPECT_EQ(tracker.Segment().num_images_in, 2);
+}
+
+TEST(CameraTracker, RefusesImagesWithoutAModel) {
+  CameraTracker tracker("cam", nullptr, SmallOptions());
+  const auto frame = tracker.AddImage({Stamp(0), cv::Mat(300, 400, CV_8UC1, cv::Scalar(0))});
+  ASSERT_FALSE(frame.ok());
+  EXPECT_NE(frame.status().message().find("no camera model"), std::string::npos);
+  EXPECT_TRUE(tracker.Segment().tracks.empty());
+}
+
+TEST(CameraTracker, ForgetsTheOldestImagesAtItsBound) {
+  TrackingOptions options = SmallOptions();
+  options.buffer.max_images = 10;
+  const CameraSegment segment = TrackStreet(Pinhole(), options);
+  EXPECT_EQ(segment.images.size(), 10U);
+  EXPECT_EQ(segment.num_images_dropped_at_bound, kNumImages - 10);
+  EXPECT_EQ(segment.images.begin()->first, Stamp(kNumImages - 10));
+  EXPECT_FALSE(segment.tracks.empty());
+  for (const Track& track : segment.tracks) {
+    EXPECT_GE(track.observations.front().stamp_ns, Stamp(kNumImages - 10));
+  }
+}
+
+TEST(CameraTracker, ResetForgetsEverything) {
+  CameraTracker tracker("cam", Pinhole(), SmallOptions());
+  for (int i = 0; i < 4; ++i) {
+    ASSERT_TRUE(tracker.AddImage({Stamp(i), StreetImages(Pinhole())[i]}).ok());
+  }
+  EXPECT_FALSE(tracker.DebugImage().empty());
+  tracker.Reset();
+  EXPECT_TRUE(tracker.DebugImage().empty());
+  EXPECT_TRUE(tracker.Segment().tracks.empty());
+  EXPECT_TRUE(tracker.AddImage({Stamp(0), StreetImages(Pinhole())[0]}).ok()) << "time starts anew";
+}
+
+TEST(TrackingOptions, DefaultsAreWithinTheirBounds) {
+  EXPECT_TRUE(CheckOptions(TrackingOptions()).ok());
+}
+
+}  // namespace
+}  // namespace scenecalib
