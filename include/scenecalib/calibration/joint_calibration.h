@@ -1,0 +1,46 @@
+#pragma once
+
+#include <functional>
+#include <vector>
+
+#include "scenecalib/calibration/camera_calibration.h"
+#include "scenecalib/tracking/camera_tracker.h"
+
+namespace scenecalib {
+
+/// One camera as it enters the joint solve.
+struct JointCamera {
+  const CameraConfig* config = nullptr;    ///< initial values, for the priors
+  const CameraSegment* segment = nullptr;  ///< images for registration through the map
+  std::vector<Track> tracks;               ///< those that take part
+  CameraCalibration start;
+};
+
+/// How a camera fared in the joint solve.
+struct JointCameraEvidence {
+  std::array<int, kNumAssociationOutcomes> num_tracks_by_outcome{};
+  int num_inlier_tracks = 0;
+  double residual_sigma = 1.0;  ///< of its whitened residuals
+};
+
+/// The solution over all cameras, parallel to the input.
+struct JointCalibration {
+  std::vector<CameraParameters> cameras;
+  std::vector<double> time_offset_s;
+  TrajectoryCorrection correction;
+  std::vector<JointCameraEvidence> evidence;
+  std::vector<CameraStddev> stddev;
+  std::vector<TransferTerm> terms;  ///< inliers of the last round
+  /// Each camera's tracks as last registered; the terms' `track` index into these.
+  std::vector<std::vector<Track>> tracks;
+  bool converged = false;
+};
+
+/// Refines all cameras together with the lidar trajectory's small errors (III-F): associate,
+/// optionally register the tracks again through the map (Eq. 4 within one camera), solve, repeat.
+Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& cameras,
+                                          const Trajectory& map_from_lidar, const RayCaster& caster,
+                                          const CalibrationOptions& options,
+                                          const std::function<bool()>& after_round);
+
+}  // namespace scenecalib

@@ -1,0 +1,121 @@
+#include "scenecalib/calibration/joint_calibration.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "scenecalib/geometry/so3.h"
+
+namespace scenecalib {
+namespace {
+
+constexpr double kRadPerDeg = 0.017453292519943295;
+constexpr double kMinResidualSigma = 0.3;
+constexpr double kStddevBlock_s = 1.0;
+
+CameraContext ContextOf(const JointCalibration& joint, int camera, const Trajectory& trajectory) {
+  CameraContext context;
+  context.camera = camera;
+  context.parameters = &joint.cameras[camera];
+  context.time_offset_s = joint.time_offset_s[camera];
+  context.map_from_lidar = &trajectory;
+  context.correction = &joint.correction;
+  return context;
+}
+
+/// Divides each camera's whitening by its own robust sigma, so that one unit is one sigma for all.
+void NormaliseByCamera(const JointCalibration& joint, std::vector<TransferTerm>* terms,
+                       JointCameraEvidence* evidence) {
+  evidence->residual_sigma =
+      std::max(kMinResidualSigma, RobustResidualSigma(joint.cameras, joint.correction, *terms));
+  for (TransferTerm& term : *terms) term.whitening /= evidence->residual_sigma;
+}
+
+/// Terms of one camera at the present solution: associated, whitened, normalised, gated.
+std::vector<TransferTerm> CollectTerms(JointCalibration* joint, int camera,
+                                       const Trajectory& trajectory, const RayCaster& caster,
+                                       const CalibrationOptions& options) {
+  JointCameraEvidence& evidence = joint->evidence[camera];
+  const AssociationGates gates =
+      GatesOfRound(options.coarse_to_fine, options.coarse_to_fine.num_rounds);
+  std::vector<TransferTerm> terms = AssociateAndBuildTerms(
+      ContextOf(*joint, camera, trajectory), joint->cameras, joint->tracks[camera], caster, gates,
+      options, &evidence.num_tracks_by_outcome);
+  NormaliseByCamera(*joint, &terms, &evidence);
+  const std::vector<TrackResidual> tracks =
+      EvaluateTracks(joint->cameras, joint->correction, terms);
+  std::vector<bool> keep;
+  evidence.num_inlier_tracks = 0;
+  for (const TrackResidual& track : tracks) {
+    keep.push_back(track.valid && track.rms_whitened < options.joint.inlier_sigmas);
+    if (keep.back()) ++evidence.num_inlier_tracks;
+  }
+  return KeepTracks(terms, tracks, keep);
+}
+
+CalibrationProblem MakeProblem(JointCalibration* joint, const std::vector<JointCamera>& cameras,
+                               const CalibrationOptions& options) {
+  CalibrationProblem problem;
+  problem.cameras = &joint->cameras;
+  problem.correction = &joint->correction;
+  problem.time_offset_s = joint->time_offset_s;
+  for (const JointCamera& camera : cameras) {
+    problem.priors.push_back(InitialPrior(*camera.config, options.prior));
+  }
+  problem.free.intrinsics = !options.hold_intrinsics;
+  problem.free.time_offset = options.estimate_time_offset;
+  problem.free.correction = options.joint.correct_trajectory;
+  problem.correction_prior.walk_rotation_rad =
+      kRadPerDeg * options.joint.correction_walk_rotation_deg;
+  problem.correction_prior.walk_translation_m = options.joint.correction_walk_translation_m;
+  return problem;
+}
+
+void FoldDeltas(JointCalibration* joint) {
+  for (std::size_t c = 0; c < joint->cameras.size(); ++c) {
+    joint->cameras[c].Rebase();
+    joint->time_offset_s[c] += joint->cameras[c].time_offset_delta_s;
+    joint->cameras[c].time_offset_delta_s = 0.0;
+  }
+}
+
+}  // namespace
+
+Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& cameras,
+                                          const Trajectory& map_from_lidar, const RayCaster& caster,
+                                          const CalibrationOptions& options,
+                                          const std::function<bool()>& after_round) {
+  JointCalibration joint;
+  joint.correction = TrajectoryCorrection(map_from_lidar.start_ns(), map_from_lidar.end_ns(),
+                                          options.joint.correction_knot_s);
+  for (const JointCamera& camera : cameras) {
+    joint.cameras.push_back(camera.start.parameters);
+    joint.time_offset_s.push_back(camera.start.time_offset_s);
+    joint.tracks.push_back(camera.tracks);
+  }
+  joint.evidence.resize(cameras.size());
+  CalibrationProblem problem = MakeProblem(&joint, cameras, options);
+  for (int round = 0; round < options.joint.num_rounds; ++round) {
+    problem.terms.clear();
+    problem.time_offset_s = joint.time_offset_s;
+    for (std::size_t c = 0; c < cameras.size(); ++c) {
+      const std::vector<TransferTerm> terms =
+          CollectTerms(&joint, static_cast<int>(c), map_from_lidar, caster, options);
+      problem.terms.insert(problem.terms.end(), terms.begin(), terms.end());
+    }
+    const Result<SolveEvidence> solved = problem.Solve();
+    if (!solved.ok()) return solved.status();
+    joint.converged = solved->converged;
+    if (round + 1 == options.joint.num_rounds) {
+      Result<std::vector<CameraStddev>> stddev = problem.EstimateStddev(kStddevBlock_s);
+      if (!stddev.ok()) return stddev.status();
+      joint.stddev = *stddev;
+    }
+    FoldDeltas(&joint);
+    if (after_round && !after_round()) return Status::Cancelled("calibration cancelled");
+  }
+  joint.terms = std::move(problem.terms);
+  return joint;
+}
+
+}  // namespace scenecalib

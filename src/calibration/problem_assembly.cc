@@ -1,0 +1,102 @@
+#include "problem_assembly.h"
+
+#include <ceres/loss_function.h>
+
+#include <cmath>
+
+#include "prior_costs.h"
+#include "scenecalib/geometry/so3.h"
+#include "transfer_cost.h"
+
+namespace scenecalib {
+namespace {
+
+/// Mean of the correction over all knots: this close to zero.
+constexpr double kZeroMeanRotation_rad = 1e-6;
+constexpr double kZeroMeanTranslation_m = 1e-5;
+
+Vector6d Stack(double rotation, double translation) {
+  Vector6d v;
+  v << rotation, rotation, rotation, translation, translation, translation;
+  return v;
+}
+
+void AddPrior(AssembledProblem* assembled, const Eigen::VectorXd& mean,
+              const Eigen::VectorXd& sigma, double* block) {
+  if (!assembled->problem->HasParameterBlock(block)) return;
+  assembled->priors.push_back(
+      assembled->problem->AddResidualBlock(new DiagonalPriorCost(mean, sigma), nullptr, block));
+}
+
+void AddCameraPriors(const CalibrationProblem& p, AssembledProblem* assembled) {
+  for (std::size_t c = 0; c < p.cameras->size(); ++c) {
+    CameraParameters& camera = (*p.cameras)[c];
+    const CameraPrior& prior = p.priors[c];
+    // Deltas are about the base, so the prior's mean is where the initial pose lies from there.
+    const Eigen::Vector3d rotation_mean =
+        LogSo3(prior.initial_lidar_from_camera.rotation *
+               camera.base_lidar_from_camera.rotation.conjugate());
+    const Eigen::Vector3d translation_mean =
+        prior.initial_lidar_from_camera.translation - camera.base_lidar_from_camera.translation;
+    AddPrior(assembled, rotation_mean, Eigen::Vector3d::Constant(prior.rotation_rad),
+             camera.rotation_delta_rad.data());
+    AddPrior(assembled, translation_mean, Eigen::Vector3d::Constant(prior.translation_m),
+             camera.translation_delta_m.data());
+    AddPrior(assembled, prior.initial_intrinsics,
+             Eigen::Vector3d(prior.focal_scale, prior.principal_point_px, prior.principal_point_px),
+             camera.intrinsics.data());
+    AddPrior(assembled,
+             Eigen::VectorXd::Constant(1, prior.initial_time_offset_s - p.time_offset_s[c]),
+             Eigen::VectorXd::Constant(1, prior.time_offset_s), &camera.time_offset_delta_s);
+  }
+}
+
+void AddCorrectionPriors(const CalibrationProblem& p, AssembledProblem* assembled) {
+  const double root_spacing = std::sqrt(p.correction->knot_spacing_s());
+  const Vector6d walk = root_spacing * Stack(p.correction_prior.walk_rotation_rad,
+                                             p.correction_prior.walk_translation_m);
+  std::vector<Vector6d>& knots = p.correction->knots();
+  std::vector<double*> all;
+  for (std::size_t k = 0; k < knots.size(); ++k) {
+    all.push_back(knots[k].data());
+    if (k == 0) continue;
+    assembled->priors.push_back(assembled->problem->AddResidualBlock(
+        new WalkCost(walk), nullptr, knots[k - 1].data(), knots[k].data()));
+  }
+  assembled->priors.push_back(assembled->problem->AddResidualBlock(
+      new ZeroMeanCost(static_cast<int>(all.size()),
+                       Stack(kZeroMeanRotation_rad, kZeroMeanTranslation_m)),
+      nullptr, all));
+}
+
+}  // namespace
+
+AssembledProblem AssembleProblem(const CalibrationProblem& p) {
+  AssembledProblem assembled;
+  assembled.problem = std::make_unique<ceres::Problem>();
+  // Whitened residuals are divided by their estimated sigma, so that the robust loss and the priors
+  // are measured in the same unit.
+  auto* loss = new ceres::CauchyLoss(p.loss_scale);
+  for (const TransferTerm& term : p.terms) {
+    auto* cost = new TransferCost(&term, p.cameras, p.correction, p.free, 1.0 / p.residual_sigma);
+    assembled.terms.push_back(
+        assembled.problem->AddResidualBlock(cost, loss, cost->parameter_blocks()));
+  }
+  AddCameraPriors(p, &assembled);
+  if (p.free.correction) AddCorrectionPriors(p, &assembled);
+  const auto keep = [&assembled](double* block) {
+    if (assembled.problem->HasParameterBlock(block)) assembled.blocks.push_back(block);
+  };
+  for (CameraParameters& camera : *p.cameras) {
+    keep(camera.rotation_delta_rad.data());
+    keep(camera.translation_delta_m.data());
+    keep(camera.intrinsics.data());
+    keep(&camera.time_offset_delta_s);
+  }
+  if (p.free.correction) {
+    for (Vector6d& knot : p.correction->knots()) keep(knot.data());
+  }
+  return assembled;
+}
+
+}  // namespace scenecalib

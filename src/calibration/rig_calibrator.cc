@@ -1,0 +1,358 @@
+#include "scenecalib/calibration/rig_calibrator.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <iomanip>
+#include <limits>
+#include <mutex>
+#include <optional>
+#include <sstream>
+#include <utility>
+
+#include "scenecalib/base/log.h"
+#include "scenecalib/base/random.h"
+#include "scenecalib/calibration/joint_calibration.h"
+#include "scenecalib/geometry/so3.h"
+#include "scenecalib/mapping/ray_caster.h"
+
+namespace scenecalib {
+namespace {
+
+constexpr double kDegPerRad = 57.29577951308232;
+constexpr int kMinViews = 3;
+constexpr std::size_t kMaxBundlesPerCamera = 150;
+
+/// Tracks that take part in the solve and tracks that only judge it.
+struct SplitTracks {
+  std::vector<Track> used;
+  std::vector<Track> held_out;
+};
+
+SplitTracks Split(const std::vector<Track>& tracks, double held_out_share, int seed) {
+  SplitTracks split;
+  for (const Track& track : tracks) {
+    // By id, so that a track stays on its side however many others there are.
+    Random random(static_cast<std::uint64_t>(track.id) * 2654435761ULL +
+                  static_cast<std::uint64_t>(seed));
+    (random.Uniform() < held_out_share ? split.held_out : split.used).push_back(track);
+  }
+  return split;
+}
+
+/// Counts finished rounds of all cameras, whose loops run side by side.
+class RoundCounter {
+ public:
+  RoundCounter(const ProgressCallback& callback, std::string stage, int total)
+      : callback_(callback), stage_(std::move(stage)), total_(total) {}
+
+  bool Tick() {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    ++done_;
+    if (!cancelled_ &&
+        !ReportProgress(callback_, stage_, std::min(1.0, static_cast<double>(done_) / total_))) {
+      cancelled_ = true;
+    }
+    return !cancelled_;
+  }
+
+ private:
+  const ProgressCallback& callback_;
+  std::string stage_;
+  int total_;
+  int done_ = 0;
+  bool cancelled_ = false;
+  std::mutex mutex_;
+};
+
+std::string Text(double value, int digits) {
+  std::ostringstream stream;
+  stream << std::fixed << std::setprecision(digits) << value;
+  return stream.str();
+}
+
+/// Held-out RMSE before and after, over the same tracks on the same planes.
+struct HeldOutRms {
+  int num_tracks = 0;
+  double before_px = std::numeric_limits<double>::infinity();
+  double after_px = std::numeric_limits<double>::infinity();
+};
+
+HeldOutRms JudgeHeldOut(const std::vector<Track>& tracks, const CameraConfig& initial,
+                        const JointCalibration& joint, int camera, const Trajectory& trajectory,
+                        const RayCaster& caster, const CalibrationOptions& options) {
+  CameraContext context;
+  context.camera = camera;
+  context.parameters = &joint.cameras[camera];
+  context.time_offset_s = joint.time_offset_s[camera];
+  context.map_from_lidar = &trajectory;
+  context.correction = &joint.correction;
+  const AssociationGates gates =
+      GatesOfRound(options.coarse_to_fine, options.coarse_to_fine.num_rounds);
+  const std::vector<TransferTerm> after_terms =
+      AssociateAndBuildTerms(context, joint.cameras, tracks, caster, gates, options, nullptr);
+  std::vector<CameraParameters> initial_cameras = joint.cameras;
+  initial_cameras[camera] = InitialParameters(initial);
+  const std::vector<TrackResidual> after =
+      EvaluateTracks(joint.cameras, joint.correction, after_terms);
+  const std::vector<TrackResidual> before =
+      EvaluateTracks(initial_cameras, TrajectoryCorrection(), after_terms);
+  // Medians: a few tracks on wrong planes must not judge.
+  std::vector<double> before_px;
+  std::vector<double> after_px;
+  for (std::size_t i = 0; i < after.size(); ++i) {
+    if (!after[i].valid) continue;
+    after_px.push_back(after[i].rms_px);
+    before_px.push_back(before[i].valid ? before[i].rms_px
+                                        : std::numeric_limits<double>::infinity());
+  }
+  HeldOutRms rms;
+  rms.num_tracks = static_cast<int>(after_px.size());
+  if (after_px.empty()) return rms;
+  const auto middle = static_cast<std::ptrdiff_t>(after_px.size() / 2);
+  std::nth_element(after_px.begin(), after_px.begin() + middle, after_px.end());
+  std::nth_element(before_px.begin(), before_px.begin() + middle, before_px.end());
+  rms.after_px = after_px[static_cast<std::size_t>(middle)];
+  rms.before_px = before_px[static_cast<std::size_t>(middle)];
+  return rms;
+}
+
+/// Root mean square over the inlier terms of one camera, px, at given parameters.
+double InlierRms(const JointCalibration& joint, int camera,
+                 const std::vector<CameraParameters>& cameras,
+                 const TrajectoryCorrection& correction) {
+  double sum = 0.0;
+  int count = 0;
+  for (const TrackResidual& track : EvaluateTracks(cameras, correction, joint.terms)) {
+    if (!track.valid || joint.terms[track.first_term].target_camera != camera) continue;
+    sum += track.rms_px * track.rms_px * track.num_terms;
+    count += track.num_terms;
+  }
+  return count > 0 ? std::sqrt(sum / count) : 0.0;
+}
+
+/// Says in words which directions the drive did not show.
+std::vector<std::string> WeakDirections(const CameraStddev& stddev,
+                                        const AcceptanceOptions& options) {
+  static const char* const kAxes[] = {"right", "down", "forward"};
+  static const char* const kTurns[] = {"pitch", "yaw", "roll"};
+  std::vector<std::string> weak;
+  for (int k = 0; k < 3; ++k) {
+    if (stddev.translation_m[k] > options.weak_translation_m) {
+      weak.push_back(std::string(kAxes[k]) + " offset weakly observable (stddev " +
+                     Text(100.0 * stddev.translation_m[k], 1) +
+                     " cm): drive curves and change speed");
+    }
+    if (stddev.rotation_rad[k] * kDegPerRad > options.weak_rotation_deg) {
+      weak.push_back(std::string(kTurns[k]) + " weakly observable (stddev " +
+                     Text(kDegPerRad * stddev.rotation_rad[k], 2) +
+                     " deg): drive curves, or hold the intrinsics");
+    }
+  }
+  return weak;
+}
+
+/// Reasons against the camera; none means that it is accepted.
+std::vector<std::string> Objections(const CameraConfig& initial, const CameraQuality& quality,
+                                    const JointCameraEvidence& evidence, const HeldOutRms& held_out,
+                                    const Rigid3& result, const AcceptanceOptions& options) {
+  std::vector<std::string> reasons;
+  if (quality.num_inlier_tracks < options.min_inlier_tracks) {
+    reasons.push_back("only " + std::to_string(quality.num_inlier_tracks) +
+                      " inlier tracks, need " + std::to_string(options.min_inlier_tracks) +
+                      ": drive further, in daylight, past structure");
+  }
+  const int associated = evidence.num_tracks_by_outcome[0];
+  if (quality.num_inlier_tracks < options.min_inlier_fraction * associated) {
+    reasons.push_back("only " + std::to_string(quality.num_inlier_tracks) + " of " +
+                      std::to_string(associated) + " tracks agree with the result");
+  }
+  const double angle_deg =
+      kDegPerRad * RotationAngle(initial.lidar_from_camera.rotation, result.rotation);
+  if (angle_deg > options.max_rotation_change_deg) {
+    reasons.push_back("rotation moved by " + Text(angle_deg, 2) + " deg, more than " +
+                      Text(options.max_rotation_change_deg, 2) + ": check the initial pose");
+  }
+  const double distance_m = (result.translation - initial.lidar_from_camera.translation).norm();
+  if (distance_m > options.max_translation_change_m) {
+    reasons.push_back("translation moved by " + Text(distance_m, 3) + " m, more than " +
+                      Text(options.max_translation_change_m, 3) + ": check the initial pose");
+  }
+  if (!(held_out.after_px < held_out.before_px)) {
+    reasons.push_back("held-out tracks do not fit better than with the initial values (" +
+                      Text(held_out.before_px, 3) + " px before, " + Text(held_out.after_px, 3) +
+                      " px after)");
+  }
+  return reasons;
+}
+
+std::vector<RayBundle> SampleBundles(int camera, const std::vector<TransferTerm>& terms,
+                                     int joint_camera, const CameraParameters& parameters,
+                                     const TrajectoryCorrection& correction) {
+  std::vector<std::vector<const TransferTerm*>> tracks;
+  for (const TransferTerm& term : terms) {
+    if (term.target_camera != joint_camera) continue;
+    if (tracks.empty() || tracks.back().front()->track != term.track) tracks.emplace_back();
+    tracks.back().push_back(&term);
+  }
+  std::vector<RayBundle> bundles;
+  const Rigid3 lidar_from_camera = parameters.LidarFromCamera();
+  const std::size_t stride = std::max<std::size_t>(1, tracks.size() / kMaxBundlesPerCamera);
+  for (std::size_t i = 0; i < tracks.size(); i += stride) {
+    RayBundle bundle;
+    bundle.camera = camera;
+    const auto add = [&](const TransferView& view, const TrajectoryCorrection::Place& place) {
+      const auto ray =
+          parameters.model->UnprojectTuned(view.pixel, parameters.Intrinsics(), nullptr);
+      if (!ray) return;
+      const Rigid3 map_from_camera =
+          ApplyCorrection(view.map_from_lidar, correction.At(place)) * lidar_from_camera;
+      const Eigen::Vector3d direction = map_from_camera.rotation * *ray;
+      const Eigen::Vector3d& normal = tracks[i].front()->plane_normal_in_map;
+      const double range =
+          normal.dot(tracks[i].front()->plane_point_in_map_m - map_from_camera.translation) /
+          normal.dot(direction);
+      if (!(range > 0.0) || range > 1e3) return;
+      bundle.origins_in_map_m.push_back(map_from_camera.translation);
+      bundle.points_in_map_m.push_back(map_from_camera.translation + range * direction);
+    };
+    add(tracks[i].front()->source, tracks[i].front()->source_place);
+    for (const TransferTerm* term : tracks[i]) add(term->target, term->target_place);
+    bundles.push_back(std::move(bundle));
+  }
+  return bundles;
+}
+
+/// Everything between the per-camera loops and the verdicts of the cameras that got that far.
+class Finisher {
+ public:
+  Finisher(const Rig& initial, const SceneMap& map, const RayCaster& caster,
+           const CalibrationOptions& options, RigCalibration* calibration)
+      : initial_(initial),
+        map_(map),
+        caster_(caster),
+        options_(options),
+        calibration_(calibration) {}
+
+  void Finish(const JointCalibration& joint, int joint_camera, int camera,
+              const std::vector<Track>& held_out_tracks) const {
+    const CameraConfig& config = initial_.cameras[camera];
+    CameraQuality& quality = calibration_->result.cameras[camera];
+    quality.num_inlier_tracks = joint.evidence[joint_camera].num_inlier_tracks;
+    quality.stddev = joint.stddev[joint_camera];
+    std::vector<CameraParameters> initial_cameras = joint.cameras;
+    initial_cameras[joint_camera] = InitialParameters(config);
+    const TrajectoryCorrection none;
+    quality.rms_before_px = InlierRms(joint, joint_camera, initial_cameras, none);
+    quality.rms_after_px = InlierRms(joint, joint_camera, joint.cameras, joint.correction);
+    const HeldOutRms held_out = JudgeHeldOut(held_out_tracks, config, joint, joint_camera,
+                                             map_.map_from_lidar, caster_, options_);
+    const CameraParameters& parameters = joint.cameras[joint_camera];
+    const Rigid3 result = parameters.LidarFromCamera();
+    quality.reasons = Objections(config, quality, joint.evidence[joint_camera], held_out, result,
+                                 options_.acceptance);
+    const auto model = config.model->WithTunable(parameters.Intrinsics());
+    if (!model.ok()) quality.reasons.push_back(model.status().message());
+    quality.accepted = quality.reasons.empty();
+    if (quality.accepted) {
+      CameraConfig& refined = calibration_->result.rig.cameras[camera];
+      refined.lidar_from_camera = result;
+      refined.time_offset_s = joint.time_offset_s[joint_camera];
+      if (!options_.hold_intrinsics) refined.model = *model;
+      quality.reasons = WeakDirections(quality.stddev, options_.acceptance);
+    }
+    Append(SampleBundles(camera, joint.terms, joint_camera, initial_cameras[joint_camera], none),
+           &calibration_->bundles_before);
+    Append(SampleBundles(camera, joint.terms, joint_camera, parameters, joint.correction),
+           &calibration_->bundles_after);
+  }
+
+ private:
+  static void Append(std::vector<RayBundle> more, std::vector<RayBundle>* bundles) {
+    std::move(more.begin(), more.end(), std::back_inserter(*bundles));
+  }
+
+  const Rig& initial_;
+  const SceneMap& map_;
+  const RayCaster& caster_;
+  const CalibrationOptions& options_;
+  RigCalibration* calibration_;
+};
+
+}  // namespace
+
+Result<RigCalibration> CalibrateRig(const Rig& initial, const SceneMap& map,
+                                    const std::vector<CameraSegment>& segments,
+                                    const CalibrationOptions& options,
+                                    const ProgressCallback& progress) {
+  if (segments.size() != initial.cameras.size()) {
+    return Status::InvalidArgument("there must be one segment of tracks per camera");
+  }
+  SCENECALIB_RETURN_IF_ERROR(CheckOptions(options));
+  Result<RayCaster> caster = RayCaster::Create(map);
+  if (!caster.ok()) return caster.status();
+
+  const int num_cameras = static_cast<int>(initial.cameras.size());
+  RigCalibration calibration;
+  calibration.result.rig = initial;
+  calibration.result.cameras.resize(num_cameras);
+  std::vector<SplitTracks> tracks(num_cameras);
+  std::vector<std::optional<Result<CameraCalibration>>> loops(num_cameras);
+  RoundCounter loop_rounds(progress, "calibration: cameras",
+                           num_cameras * options.coarse_to_fine.num_rounds);
+  tbb::parallel_for(0, num_cameras, [&](int c) {
+    const CameraConfig& camera = initial.cameras[c];
+    tracks[c] = Split(segments[c].tracks, options.acceptance.held_out_share, options.seed);
+    calibration.result.cameras[c].num_tracks = static_cast<int>(segments[c].tracks.size());
+    loops[c] = CalibrateCamera(camera, tracks[c].used, map.map_from_lidar, *caster, options,
+                               [&loop_rounds] { return loop_rounds.Tick(); });
+  });
+
+  std::vector<JointCamera> joint_cameras;
+  std::vector<int> camera_of_joint;
+  for (int c = 0; c < num_cameras; ++c) {
+    const Result<CameraCalibration>& loop = *loops[c];
+    if (!loop.ok()) {
+      if (loop.status().code() == Status::Code::kCancelled) return loop.status();
+      calibration.result.cameras[c].reasons.push_back(loop.status().message());
+      continue;
+    }
+    JointCamera camera;
+    camera.config = &initial.cameras[c];
+    camera.segment = &segments[c];
+    camera.tracks =
+        SelectTracks(tracks[c].used, options.joint.max_tracks_per_camera, kMinViews,
+                     initial.cameras[c].model->width_px(), initial.cameras[c].model->height_px());
+    camera.start = *loop;
+    joint_cameras.push_back(std::move(camera));
+    camera_of_joint.push_back(c);
+  }
+  if (joint_cameras.empty()) {
+    std::string reasons;
+    for (const CameraQuality& quality : calibration.result.cameras) {
+      for (const std::string& reason : quality.reasons) reasons += "; " + reason;
+    }
+    return Status::InsufficientData("no camera could be calibrated" + reasons);
+  }
+
+  RoundCounter joint_rounds(progress, "calibration: joint", options.joint.num_rounds);
+  const Result<JointCalibration> joint =
+      CalibrateJointly(joint_cameras, map.map_from_lidar, *caster, options,
+                       [&joint_rounds] { return joint_rounds.Tick(); });
+  if (!joint.ok()) return joint.status();
+  const Finisher finisher(initial, map, *caster, options, &calibration);
+  for (std::size_t j = 0; j < joint_cameras.size(); ++j) {
+    finisher.Finish(*joint, static_cast<int>(j), camera_of_joint[j],
+                    tracks[camera_of_joint[j]].held_out);
+  }
+  calibration.result.accepted = true;
+  for (int c = 0; c < num_cameras; ++c) {
+    if (calibration.result.cameras[c].accepted) continue;
+    calibration.result.accepted = false;
+    calibration.result.reasons.push_back(initial.cameras[c].name + " was not accepted");
+  }
+  return calibration;
+}
+
+}  // namespace scenecalib

@@ -1,0 +1,156 @@
+#include "scenecalib/calibration/track_ransac.h"
+
+#include <tbb/parallel_for.h>
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "scenecalib/base/random.h"
+#include "scenecalib/geometry/so3.h"
+
+namespace scenecalib {
+namespace {
+
+constexpr int kSampleIterations = 6;
+
+struct Hypothesis {
+  CameraParameters camera;
+  double score = std::numeric_limits<double>::infinity();
+};
+
+/// What a hypothesis needs to know of the problem.
+struct Sampler {
+  const CalibrationProblem& problem;
+  int camera;
+  const std::vector<TrackResidual>& tracks;
+
+  bool Evaluate(const TransferTerm& term, const CameraParameters& parameters,
+                Eigen::Vector2d* residual, TransferJacobians* jacobians) const {
+    return EvaluateTransfer(term.source, parameters, problem.correction->At(term.source_place),
+                            term.target, parameters, problem.correction->At(term.target_place),
+                            term.plane_point_in_map_m, term.plane_normal_in_map, residual,
+                            jacobians);
+  }
+
+  /// Gauss-Newton on the sample's terms with the pose's prior; false when it breaks down.
+  bool Fit(const std::vector<int>& sample, CameraParameters* parameters) const {
+    const CameraPrior& prior = problem.priors[camera];
+    for (int iteration = 0; iteration < kSampleIterations; ++iteration) {
+      Eigen::Matrix<double, 6, 6> information = Eigen::Matrix<double, 6, 6>::Zero();
+      Vector6d gradient = Vector6d::Zero();
+      for (const int track : sample) {
+        for (int i = 0; i < tracks[track].num_terms; ++i) {
+          const TransferTerm& term = problem.terms[tracks[track].first_term + i];
+          Eigen::Vector2d residual;
+          TransferJacobians jacobians;
+          if (!Evaluate(term, *parameters, &residual, &jacobians)) return false;
+          Eigen::Matrix<double, 2, 6> jacobian;
+          jacobian << jacobians.source.by_rotation + jacobians.target.by_rotation,
+              jacobians.source.by_translation + jacobians.target.by_translation;
+          jacobian = term.whitening * jacobian / problem.residual_sigma;
+          const Eigen::Vector2d whitened = term.whitening * residual / problem.residual_sigma;
+          information += jacobian.transpose() * jacobian;
+          gradient += jacobian.transpose() * whitened;
+        }
+      }
+      const double rotation_weight = 1.0 / (prior.rotation_rad * prior.rotation_rad);
+      const double translation_weight = 1.0 / (prior.translation_m * prior.translation_m);
+      information.diagonal().head<3>().array() += rotation_weight;
+      information.diagonal().tail<3>().array() += translation_weight;
+      gradient.head<3>() += rotation_weight * parameters->rotation_delta_rad;
+      gradient.tail<3>() += translation_weight * parameters->translation_delta_m;
+      Vector6d step;
+      if (problem.free.translation) {
+        step = -information.ldlt().solve(gradient);
+      } else {
+        step.setZero();
+        step.head<3>() = -information.topLeftCorner<3, 3>().ldlt().solve(gradient.head<3>());
+      }
+      if (!step.allFinite()) return false;
+      parameters->rotation_delta_rad += step.head<3>();
+      parameters->translation_delta_m += step.tail<3>();
+    }
+    return true;
+  }
+
+  double TrackRms(const TrackResidual& track, const CameraParameters& parameters) const {
+    double sum = 0.0;
+    for (int i = 0; i < track.num_terms; ++i) {
+      const TransferTerm& term = problem.terms[track.first_term + i];
+      Eigen::Vector2d residual;
+      if (!Evaluate(term, parameters, &residual, nullptr)) {
+        return std::numeric_limits<double>::infinity();
+      }
+      sum += (term.whitening * residual).squaredNorm();
+    }
+    return std::sqrt(sum / (2.0 * track.num_terms));
+  }
+
+  /// Sum of truncated squared track RMSEs: lower is better.
+  double Score(const std::vector<int>& scored, const CameraParameters& parameters,
+               double threshold) const {
+    double score = 0.0;
+    for (const int track : scored) {
+      const double rms = std::min(TrackRms(tracks[track], parameters), threshold);
+      score += rms * rms;
+    }
+    return score;
+  }
+};
+
+std::vector<int> RandomSubset(int n, int count, Random* random) {
+  std::vector<int> indices(n);
+  for (int i = 0; i < n; ++i) indices[i] = i;
+  count = std::min(n, count);
+  for (int i = 0; i < count; ++i) {
+    std::swap(indices[i], indices[i + static_cast<int>(random->Index(n - i))]);
+  }
+  indices.resize(count);
+  return indices;
+}
+
+}  // namespace
+
+TrackRansacResult RansacTracks(const CalibrationProblem& problem, int camera,
+                               const TrackRansacOptions& options, std::uint64_t seed) {
+  const std::vector<TrackResidual> tracks =
+      EvaluateTracks(*problem.cameras, *problem.correction, problem.terms);
+  const Sampler sampler{problem, camera, tracks};
+  const Random random(seed);
+  const int num_tracks = static_cast<int>(tracks.size());
+
+  TrackRansacResult result;
+  result.camera = (*problem.cameras)[camera];
+  result.threshold_whitened = options.inlier_sigmas * problem.residual_sigma;
+  Random scored_random = random.Fork(0);
+  const std::vector<int> scored =
+      RandomSubset(num_tracks, options.max_scored_tracks, &scored_random);
+
+  std::vector<Hypothesis> hypotheses(options.num_hypotheses + 1);
+  tbb::parallel_for(0, options.num_hypotheses + 1, [&](int h) {
+    Hypothesis& hypothesis = hypotheses[h];
+    hypothesis.camera = result.camera;
+    if (h > 0) {
+      Random own = random.Fork(h);
+      if (!sampler.Fit(RandomSubset(num_tracks, options.sample_tracks, &own), &hypothesis.camera)) {
+        return;
+      }
+    }
+    hypothesis.score = sampler.Score(scored, hypothesis.camera, result.threshold_whitened);
+  });
+  const auto best =
+      std::min_element(hypotheses.begin(), hypotheses.end(),
+                       [](const Hypothesis& a, const Hypothesis& b) { return a.score < b.score; });
+  result.camera = best->camera;
+  result.from_sample = best != hypotheses.begin();
+  for (const TrackResidual& track : tracks) {
+    const bool inlier = sampler.TrackRms(track, result.camera) < result.threshold_whitened;
+    result.is_inlier.push_back(inlier);
+    if (inlier) ++result.num_inliers;
+  }
+  return result;
+}
+
+}  // namespace scenecalib

@@ -1,0 +1,138 @@
+#include "scenecalib/calibration/rig_calibrator.h"
+
+#include <gtest/gtest.h>
+
+#include "testing/canyon_scene.h"
+
+namespace scenecalib {
+namespace {
+
+using testing::CanyonCamera;
+using testing::CanyonOptions;
+using testing::CanyonScene;
+using testing::MakeCanyonScene;
+using testing::Perturb;
+
+constexpr double kDegPerRad = 57.29577951308232;
+
+struct PoseError {
+  double rotation_deg;
+  double translation_m;
+};
+
+PoseError ErrorOf(const CameraConfig& truth, const CameraConfig& estimate) {
+  const Rigid3 error = truth.lidar_from_camera.Inverse() * estimate.lidar_from_camera;
+  return {kDegPerRad * LogSo3(error.rotation).norm(), error.translation.norm()};
+}
+
+std::vector<CameraConfig> TwoCameras() {
+  return {CanyonCamera("front", 0.0, 680.0, false), CanyonCamera("left", 1.2, 330.0, true)};
+}
+
+CalibrationOptions HeldIntrinsics() {
+  CalibrationOptions options;
+  options.hold_intrinsics = true;
+  options.joint.register_through_map = false;  // these scenes have no images
+  return options;
+}
+
+TEST(RigCalibrator, RecoversTheTruthFromTwoDegreesAndTwentyCentimetres) {
+  const CanyonScene scene = MakeCanyonScene(TwoCameras(), {});
+  for (const std::uint64_t seed : {1, 2, 3}) {
+    const Rig initial = Perturb(scene.rig, 2.0 / kDegPerRad, 0.2, seed);
+    const auto calibration = CalibrateRig(initial, scene.map, scene.segments, HeldIntrinsics(), {});
+    ASSERT_TRUE(calibration.ok()) << calibration.status().message();
+    for (std::size_t c = 0; c < scene.rig.cameras.size(); ++c) {
+      const CameraQuality& quality = calibration->result.cameras[c];
+      EXPECT_TRUE(quality.accepted) << (quality.reasons.empty() ? "" : quality.reasons[0]);
+      EXPECT_LT(quality.rms_after_px, quality.rms_before_px);
+      // Exact planes and 0.05 px of noise over some hundred tracks: well below these.
+      const PoseError error = ErrorOf(scene.rig.cameras[c], calibration->result.rig.cameras[c]);
+      EXPECT_LT(error.rotation_deg, 0.03);
+      EXPECT_LT(error.translation_m, 0.015);
+    }
+  }
+}
+
+TEST(RigCalibrator, TrajectoryCorrectionAbsorbsSmoothTrajectoryErrors) {
+  CanyonOptions canyon;
+  canyon.trajectory_error_m = 0.01;
+  const CanyonScene scene = MakeCanyonScene(TwoCameras(), canyon);
+  const Rig initial = Perturb(scene.rig, 0.5 / kDegPerRad, 0.05, 5);
+  CalibrationOptions fixed = HeldIntrinsics();
+  fixed.joint.correct_trajectory = false;
+  const auto with = CalibrateRig(initial, scene.map, scene.segments, HeldIntrinsics(), {});
+  const auto without = CalibrateRig(initial, scene.map, scene.segments, fixed, {});
+  ASSERT_TRUE(with.ok() && without.ok());
+  for (std::size_t c = 0; c < scene.rig.cameras.size(); ++c) {
+    EXPECT_LT(with->result.cameras[c].rms_after_px, 0.5 * without->result.cameras[c].rms_after_px);
+    EXPECT_LT(ErrorOf(scene.rig.cameras[c], with->result.rig.cameras[c]).translation_m, 0.025);
+  }
+}
+
+TEST(RigCalibrator, SameInputGivesTheSameResultToTheLastBit) {
+  CanyonOptions canyon;
+  canyon.tracks_per_camera = 250;
+  const CanyonScene scene = MakeCanyonScene(TwoCameras(), canyon);
+  const Rig initial = Perturb(scene.rig, 1.0 / kDegPerRad, 0.1, 4);
+  const auto first = CalibrateRig(initial, scene.map, scene.segments, HeldIntrinsics(), {});
+  const auto second = CalibrateRig(initial, scene.map, scene.segments, HeldIntrinsics(), {});
+  ASSERT_TRUE(first.ok() && second.ok());
+  for (std::size_t c = 0; c < scene.rig.cameras.size(); ++c) {
+    const Rigid3& a = first->result.rig.cameras[c].lidar_from_camera;
+    const Rigid3& b = second->result.rig.cameras[c].lidar_from_camera;
+    EXPECT_EQ(a.translation, b.translation);
+    EXPECT_EQ(a.rotation.coeffs(), b.rotation.coeffs());
+  }
+}
+
+TEST(RigCalibrator, CameraWithoutTracksKeepsItsInitialValuesAndSaysWhy) {
+  CanyonScene scene = MakeCanyonScene(TwoCameras(), {});
+  scene.segments[1].tracks.clear();
+  const Rig initial = Perturb(scene.rig, 0.5 / kDegPerRad, 0.05, 6);
+  const auto calibration = CalibrateRig(initial, scene.map, scene.segments, HeldIntrinsics(), {});
+  ASSERT_TRUE(calibration.ok());
+  EXPECT_TRUE(calibration->result.cameras[0].accepted);
+  EXPECT_FALSE(calibration->result.cameras[1].accepted);
+  ASSERT_FALSE(calibration->result.cameras[1].reasons.empty());
+  EXPECT_NE(calibration->result.cameras[1].reasons[0].find("left: only 0 feature tracks"),
+            std::string::npos);
+  EXPECT_EQ(calibration->result.rig.cameras[1].lidar_from_camera.translation,
+            initial.cameras[1].lidar_from_camera.translation);
+  EXPECT_FALSE(calibration->result.accepted);
+}
+
+TEST(RigCalibrator, RandomTracksAreNotAccepted) {
+  CanyonScene scene = MakeCanyonScene({CanyonCamera("front", 0.0, 680.0, false)}, {});
+  Random random(9);
+  for (Track& track : scene.segments[0].tracks) {
+    for (TrackObservation& observation : track.observations) {
+      observation.pixel = {random.Uniform(0.0, 959.0), random.Uniform(0.0, 599.0)};
+    }
+  }
+  const Rig initial = Perturb(scene.rig, 0.5 / kDegPerRad, 0.05, 7);
+  const auto calibration = CalibrateRig(initial, scene.map, scene.segments, HeldIntrinsics(), {});
+  if (calibration.ok()) {
+    EXPECT_FALSE(calibration->result.cameras[0].accepted);
+    EXPECT_EQ(calibration->result.rig.cameras[0].lidar_from_camera.translation,
+              initial.cameras[0].lidar_from_camera.translation);
+  } else {
+    EXPECT_EQ(calibration.status().code(), Status::Code::kInsufficientData);
+  }
+}
+
+TEST(RigCalibrator, CanBeCancelled) {
+  const CanyonScene scene = MakeCanyonScene(TwoCameras(), {});
+  const auto calibration = CalibrateRig(scene.rig, scene.map, scene.segments, HeldIntrinsics(),
+                                        [](const Progress&) { return false; });
+  ASSERT_FALSE(calibration.ok());
+  EXPECT_EQ(calibration.status().code(), Status::Code::kCancelled);
+}
+
+TEST(RigCalibrator, EmptyMapIsRefused) {
+  const CanyonScene scene = MakeCanyonScene(TwoCameras(), {});
+  EXPECT_FALSE(CalibrateRig(scene.rig, SceneMap(), scene.segments, HeldIntrinsics(), {}).ok());
+}
+
+}  // namespace
+}  // namespace scenecalib
