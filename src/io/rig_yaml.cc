@@ -1,0 +1,247 @@
+#include "scenecalib/io/rig_yaml.h"
+
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <map>
+#include <vector>
+
+#include "scenecalib/io/options_yaml.h"
+#include "scenecalib/sensor/camera_factory.h"
+#include "yaml_reader.h"
+
+namespace scenecalib {
+namespace {
+
+constexpr OptionBound kTranslationM = {-100.0, 100.0};  // no vehicle is longer
+constexpr OptionBound kTimeOffsetS = {-3600.0, 3600.0};
+constexpr OptionBound kScanPeriodS = {0.001, 10.0};
+constexpr OptionBound kImageSizePx = {1.0, 65536.0};
+constexpr OptionBound kFocalPx = {1e-3, 1e5};
+// Numbers written with four digits pass, a forgotten or doubled one does not.
+constexpr double kMaxQuaternionNormError = 1e-3;
+// What a product of normalised quaternions may be off by: such a file reads back as it was written.
+constexpr double kUnitByRounding = 1e-14;
+
+/// A ROS graph name: the one that a subscriber throws on would end the program later.
+std::string Topic(const YamlReader& reader) {
+  const std::string topic = reader.String();
+  if (!reader.status().ok()) return topic;
+  const auto allowed = [](unsigned char c) { return std::isalnum(c) || c == '_' || c == '/'; };
+  const unsigned char first = static_cast<unsigned char>(topic.front());
+  if (!std::all_of(topic.begin(), topic.end(), allowed) || !(std::isalpha(first) || first == '/') ||
+      topic.back() == '/') {
+    reader.FailValue("a ROS topic (letters, digits, _ and /)");
+  }
+  return topic;
+}
+
+std::string FrameId(const YamlReader& reader) {
+  const std::string frame_id = reader.String();
+  const auto is_space = [](unsigned char c) { return std::isspace(c) != 0; };
+  if (reader.status().ok() &&
+      (frame_id.front() == '/' || std::any_of(frame_id.begin(), frame_id.end(), is_space))) {
+    reader.FailValue("a tf2 frame (no leading slash, no space)");
+  }
+  return frame_id;
+}
+
+Rigid3 Transform(const YamlReader& reader) {
+  reader.CheckKeys({"translation_m", "rotation_xyzw"});
+  const std::vector<double> t = reader.Child("translation_m").Numbers(3, kTranslationM);
+  const YamlReader rotation = reader.Child("rotation_xyzw");
+  const std::vector<double> q = rotation.Numbers(4);
+  Rigid3 transform;
+  if (!reader.status().ok()) return transform;
+  transform.translation = {t[0], t[1], t[2]};
+  transform.rotation = Eigen::Quaterniond(q[3], q[0], q[1], q[2]);
+  const double norm = transform.rotation.norm();
+  if (!(std::abs(norm - 1.0) <= kMaxQuaternionNormError)) {
+    rotation.Fail(" is [" + FormatNumber(q[0]) + ", " + FormatNumber(q[1]) + ", " +
+                  FormatNumber(q[2]) + ", " + FormatNumber(q[3]) + "] with norm " +
+                  FormatNumber(norm) + ", must be a unit quaternion x, y, z, w (norm within " +
+                  FormatNumber(kMaxQuaternionNormError) + " of 1)");
+  } else if (std::abs(norm - 1.0) > kUnitByRounding) {
+    transform.rotation.normalize();
+  }
+  return transform;
+}
+
+std::size_t DistortionCount(const std::string& model) {
+  return model == "plumb_bob" ? 5 : model == "rational_polynomial" ? 8 : 4;
+}
+
+CameraModelPtr Intrinsics(const YamlReader& reader) {
+  CameraIntrinsics intrinsics;
+  const YamlReader model = reader.Child("model");
+  intrinsics.model = model.String();
+  const std::vector<std::string> models = {"ftheta", "plumb_bob", "rational_polynomial",
+                                           "equidistant"};
+  if (std::find(models.begin(), models.end(), intrinsics.model) == models.end()) {
+    model.FailValue("ftheta, plumb_bob, rational_polynomial or equidistant");
+  }
+  const bool ftheta = intrinsics.model == "ftheta";
+  std::vector<std::string> keys = {"model", "width_px", "height_px", "principal_point_px"};
+  if (ftheta) {
+    keys.push_back("polynomial_px");
+  } else {
+    keys.insert(keys.end(), {"focal_px", "distortion"});
+  }
+  reader.CheckKeys(keys);
+  intrinsics.width_px = reader.Child("width_px").Integer(kImageSizePx);
+  intrinsics.height_px = reader.Child("height_px").Integer(kImageSizePx);
+  const std::vector<double> center = reader.Child("principal_point_px").Numbers(2);
+  intrinsics.principal_point_px = {center[0], center[1]};
+  if (ftheta) {
+    intrinsics.polynomial_px = reader.Child("polynomial_px").Numbers(5);
+  } else {
+    intrinsics.focal_px = reader.Child("focal_px").Numbers(2, kFocalPx);
+    intrinsics.distortion = reader.Child("distortion").Numbers(DistortionCount(intrinsics.model));
+  }
+  if (!reader.status().ok()) return nullptr;
+  const Result<CameraModelPtr> camera = CreateCameraModel(intrinsics);
+  if (camera.ok()) return *camera;
+  reader.Fail(": " + camera.status().message());
+  return nullptr;
+}
+
+void CheckAxes(const YamlReader& reader) {
+  const std::vector<std::string> axes = {"x", "y", "z", "roll", "pitch", "yaw"};
+  reader.CheckKeys(axes);
+  for (const std::string& axis : axes) reader.Child(axis).AnyNumber();
+}
+
+/// The form of a camera's quality block; its numbers are an earlier run's and not used.
+void CheckCameraQuality(const YamlReader& reader) {
+  reader.CheckKeys({"accepted", "reasons", "num_tracks", "num_inlier_tracks",
+                    "num_cross_camera_matches", "rms_before_px", "rms_after_px", "stddev",
+                    "miscalibration_rate_before", "miscalibration_rate_after"});
+  reader.Child("accepted").Boolean();
+  reader.Child("reasons").Strings();
+  for (const char* count : {"num_tracks", "num_inlier_tracks", "num_cross_camera_matches"}) {
+    reader.Child(count).Integer({0.0, 2147483647.0});
+  }
+  reader.Child("rms_before_px").AnyNumber();
+  reader.Child("rms_after_px").AnyNumber();
+  const YamlReader stddev = reader.Child("stddev");
+  stddev.CheckKeys(
+      {"translation_m", "rotation_rad", "focal_scale", "principal_point_px", "time_offset_s"});
+  stddev.Child("translation_m").AnyNumbers(3);
+  stddev.Child("rotation_rad").AnyNumbers(3);
+  stddev.Child("focal_scale").AnyNumber();
+  stddev.Child("principal_point_px").AnyNumbers(2);
+  stddev.Child("time_offset_s").AnyNumber();
+  for (const char* rate : {"miscalibration_rate_before", "miscalibration_rate_after"}) {
+    if (const auto child = reader.OptionalChild(rate)) CheckAxes(*child);
+  }
+}
+
+CameraConfig Camera(const std::string& name, const YamlReader& reader) {
+  CameraConfig camera;
+  camera.name = name;
+  if (name.empty() || name == "." || name == ".." || name.find('/') != std::string::npos) {
+    reader.Fail(
+        " is a camera name that cannot be a file name, must not be empty, '.', '..' or "
+        "contain '/'");
+  }
+  reader.CheckKeys({"image_topic", "camera_info_topic", "frame_id", "time_offset_s",
+                    "lidar_from_camera", "intrinsics", "quality"});
+  camera.image_topic = Topic(reader.Child("image_topic"));
+  if (const auto topic = reader.OptionalChild("camera_info_topic")) {
+    camera.camera_info_topic = Topic(*topic);
+  }
+  camera.frame_id = FrameId(reader.Child("frame_id"));
+  if (const auto offset = reader.OptionalChild("time_offset_s")) {
+    camera.time_offset_s = offset->Number(kTimeOffsetS);
+  }
+  camera.lidar_from_camera = Transform(reader.Child("lidar_from_camera"));
+  if (const auto intrinsics = reader.OptionalChild("intrinsics")) {
+    camera.model = Intrinsics(*intrinsics);
+  } else if (!camera.camera_info_topic) {
+    reader.Fail(".intrinsics is missing, and there is no camera_info_topic to take them from");
+  }
+  if (const auto quality = reader.OptionalChild("quality")) CheckCameraQuality(*quality);
+  return camera;
+}
+
+LidarConfig Lidar(const YamlReader& reader) {
+  LidarConfig lidar;
+  reader.CheckKeys({"topic", "frame_id", "motion_compensated", "scan_period_s"});
+  lidar.topic = Topic(reader.Child("topic"));
+  lidar.frame_id = FrameId(reader.Child("frame_id"));
+  if (const auto child = reader.OptionalChild("motion_compensated")) {
+    lidar.motion_compensated = child->Boolean();
+  }
+  if (const auto child = reader.OptionalChild("scan_period_s")) {
+    lidar.scan_period_s = child->Number(kScanPeriodS);
+  }
+  return lidar;
+}
+
+/// Names and where they were first used; an error when one is used again.
+class UniqueNames {
+ public:
+  void Add(const std::string& name, const YamlReader& reader) {
+    const auto [entry, inserted] = used_.emplace(name, reader.key());
+    if (!inserted) reader.FailValue("another one than that of " + entry->second);
+  }
+
+ private:
+  std::map<std::string, std::string> used_;
+};
+
+void CheckUnique(const YamlReader& root) {
+  UniqueNames topics;
+  UniqueNames frames;
+  topics.Add(root.Child("lidar").Child("topic").String(), root.Child("lidar").Child("topic"));
+  frames.Add(root.Child("lidar").Child("frame_id").String(), root.Child("lidar").Child("frame_id"));
+  for (const char* sensor : {"imu", "odometry"}) {
+    if (!root.Has(sensor)) continue;
+    const YamlReader topic = root.Child(sensor).Child("topic");
+    topics.Add(topic.String(), topic);
+  }
+  for (const auto& [name, camera] : root.Child("cameras").Entries()) {
+    for (const char* key : {"image_topic", "camera_info_topic"}) {
+      if (const auto topic = camera.OptionalChild(key)) topics.Add(topic->String(), *topic);
+    }
+    frames.Add(camera.Child("frame_id").String(), camera.Child("frame_id"));
+  }
+}
+
+}  // namespace
+
+Result<Rig> ParseRig(const std::string& yaml_text, const std::string& source_name) {
+  YamlReader::Document document{source_name, Status::Ok()};
+  const YamlReader root = YamlReader::Parse(yaml_text, &document);
+  root.CheckKeys({"lidar", "imu", "odometry", "cameras", "quality"});
+  Rig rig;
+  rig.lidar = Lidar(root.Child("lidar"));
+  if (const auto imu = root.OptionalChild("imu")) {
+    imu->CheckKeys({"topic", "lidar_from_imu"});
+    rig.imu = ImuConfig{Topic(imu->Child("topic")), Transform(imu->Child("lidar_from_imu"))};
+  }
+  if (const auto odometry = root.OptionalChild("odometry")) {
+    odometry->CheckKeys({"topic", "lidar_from_body"});
+    rig.odometry = OdometryConfig{Topic(odometry->Child("topic")),
+                                  Transform(odometry->Child("lidar_from_body"))};
+  }
+  const YamlReader cameras = root.Child("cameras");
+  for (const auto& [name, camera] : cameras.Entries()) rig.cameras.push_back(Camera(name, camera));
+  if (document.status.ok() && rig.cameras.empty()) cameras.Fail(" is empty, must name a camera");
+  if (const auto quality = root.OptionalChild("quality")) {
+    quality->CheckKeys({"accepted", "reasons"});
+    quality->Child("accepted").Boolean();
+    quality->Child("reasons").Strings();
+  }
+  if (document.status.ok()) CheckUnique(root);
+  if (!document.status.ok()) return document.status;
+  return rig;
+}
+
+Result<Rig> ReadRig(const std::string& path) {
+  const Result<std::string> text = internal::ReadTextFile(path);
+  if (!text.ok()) return text.status();
+  return ParseRig(*text, path);
+}
+
+}  // namespace scenecalib
