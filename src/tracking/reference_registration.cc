@@ -10,6 +10,7 @@
 #include <iterator>
 #include <optional>
 
+#include "scenecalib/tracking/observation_noise.h"
 #include "scenecalib/tracking/patch_registration.h"
 
 namespace scenecalib {
@@ -113,19 +114,9 @@ class TrackRegistrar {
       *first = std::min(*first, i);
       *last = std::max(*last, i);
     }
-    ShareCovariance(covariance_sum, track);
-  }
-
-  /// The residual of a match holds the noise of both images, so that each image has half of its
-  /// covariance; the reference's half is common to all observations, that is, its own.
-  void ShareCovariance(const Eigen::Matrix2d& sum_in_reference, Track* track) const {
     const int num_matches = static_cast<int>(track->observations.size()) - 1;
-    if (num_matches < 1) return;
-    const double floor = options_.sigma_floor_px * options_.sigma_floor_px;
-    track->observations[track->reference].covariance_px2 = sum_in_reference / num_matches;
-    for (TrackObservation& observation : track->observations) {
-      observation.covariance_px2 =
-          0.5 * observation.covariance_px2 + floor * Eigen::Matrix2d::Identity();
+    if (num_matches > 0) {
+      ShareMatchCovariance(covariance_sum / num_matches, options_.sigma_floor_px, track);
     }
   }
 
