@@ -35,6 +35,7 @@ struct ScenePoint {
   std::uint32_t object_id = 0;  ///< unique per object; triangles of one object share it
   bool is_moving = false;       ///< another car that drives
   bool is_own_vehicle = false;  ///< the recording vehicle's own body
+  int moving_object = -1;       ///< which of the moving things it is, -1: none
 };
 
 /// A recording that never happened: a textured world, a drive through it, and what the sensors of a
