@@ -1,0 +1,164 @@
+#include "ground_samples.h"
+
+#include <tbb/parallel_for.h>
+#include <tbb/parallel_sort.h>
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+
+namespace scenecalib {
+namespace {
+
+/// A column whose heights spread more than this holds a step.
+constexpr float kMaxFlatSpread_m = 0.06F;
+constexpr float kSlice_m = 0.04F;
+/// Normals come from the samples within this many columns.
+constexpr int kNormalReach = 3;
+constexpr int kMinNormalSamples = 5;
+/// A mean of fewer returns than this is not averaged enough to tell anything.
+constexpr int kMinReturns = 2;
+
+struct Column {
+  int x = 0;
+  int y = 0;
+  int begin = 0;  // its samples
+  int end = 0;
+};
+
+struct KeyedPoint {
+  int x = 0;
+  int y = 0;
+  Eigen::Vector3f position_m;
+  int index = 0;
+  bool operator<(const KeyedPoint& other) const {
+    if (y != other.y) return y < other.y;
+    if (x != other.x) return x < other.x;
+    if (position_m.z() != other.position_m.z()) return position_m.z() < other.position_m.z();
+    return index < other.index;
+  }
+};
+
+std::vector<KeyedPoint> SortIntoColumns(const std::vector<ScenePoint>& points,
+                                        const std::vector<PointLabel>& labels,
+                                        double column_size_m) {
+  std::vector<KeyedPoint> sorted;
+  const float inverse_size = static_cast<float>(1.0 / column_size_m);
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (labels[i] != PointLabel::kGround) continue;
+    KeyedPoint keyed;
+    keyed.position_m = points[i].position_m;
+    keyed.x = static_cast<int>(std::floor(keyed.position_m.x() * inverse_size));
+    keyed.y = static_cast<int>(std::floor(keyed.position_m.y() * inverse_size));
+    keyed.index = static_cast<int>(i);
+    sorted.push_back(keyed);
+  }
+  tbb::parallel_sort(sorted.begin(), sorted.end());
+  return sorted;
+}
+
+/// One sample per column, or per slice of a column with a step. `sorted` is by height.
+void AverageColumn(const KeyedPoint* begin, const KeyedPoint* end,
+                   std::vector<GroundSample>* samples) {
+  const auto count = end - begin;
+  // The spread without the outermost tenths: noise has tails, a step has mass.
+  const float low_m = begin[count / 10].position_m.z();
+  const float high_m = begin[count - 1 - count / 10].position_m.z();
+  const float slice_m = high_m - low_m > kMaxFlatSpread_m ? kSlice_m : 1e6F;
+  for (const KeyedPoint* first = begin; first != end;) {
+    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+    const KeyedPoint* last = first;
+    while (last != end && last->position_m.z() - first->position_m.z() <= slice_m) {
+      sum += last->position_m.cast<double>();
+      ++last;
+    }
+    if (last - first >= kMinReturns) {
+      GroundSample sample;
+      sample.position_m = (sum / static_cast<double>(last - first)).cast<float>();
+      samples->push_back(sample);
+    }
+    first = last;
+  }
+}
+
+class NormalEstimator {
+ public:
+  NormalEstimator(const std::vector<Column>& columns, const std::vector<GroundSample>& samples)
+      : columns_(columns), samples_(samples) {}
+
+  /// Principal component of the samples around; upwards when there are too few.
+  Eigen::Vector3f Estimate(const Column& center, const GroundSample& sample) const {
+    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+    Eigen::Matrix3d squares = Eigen::Matrix3d::Zero();
+    int count = 0;
+    const float reach_m = kNormalReach * column_size_m_;
+    for (int dy = -kNormalReach; dy <= kNormalReach; ++dy) {
+      for (auto column = FirstInRow(center.x - kNormalReach, center.y + dy);
+           column != columns_.end() && column->y == center.y + dy &&
+           column->x <= center.x + kNormalReach;
+           ++column) {
+        for (int k = column->begin; k < column->end; ++k) {
+          const Eigen::Vector3f offset = samples_[k].position_m - sample.position_m;
+          if (offset.squaredNorm() > reach_m * reach_m) continue;
+          const Eigen::Vector3d d = offset.cast<double>();
+          sum += d;
+          squares += d * d.transpose();
+          ++count;
+        }
+      }
+    }
+    if (count < kMinNormalSamples) return Eigen::Vector3f::UnitZ();
+    const Eigen::Vector3d mean = sum / count;
+    Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
+    solver.computeDirect(squares / count - mean * mean.transpose());
+    Eigen::Vector3d normal = solver.eigenvectors().col(0);
+    if (normal.z() < 0.0) normal = -normal;
+    return normal.cast<float>();
+  }
+
+  void set_column_size_m(double size_m) { column_size_m_ = static_cast<float>(size_m); }
+
+ private:
+  std::vector<Column>::const_iterator FirstInRow(int x, int y) const {
+    return std::lower_bound(columns_.begin(), columns_.end(), std::pair<int, int>(y, x),
+                            [](const Column& column, const std::pair<int, int>& yx) {
+                              return std::pair<int, int>(column.y, column.x) < yx;
+                            });
+  }
+
+  const std::vector<Column>& columns_;
+  const std::vector<GroundSample>& samples_;
+  float column_size_m_ = 0.1F;
+};
+
+}  // namespace
+
+std::vector<GroundSample> AverageGround(const std::vector<ScenePoint>& points,
+                                        const std::vector<PointLabel>& labels,
+                                        double column_size_m) {
+  const std::vector<KeyedPoint> sorted = SortIntoColumns(points, labels, column_size_m);
+  std::vector<Column> columns;
+  std::vector<GroundSample> samples;
+  for (std::size_t begin = 0; begin < sorted.size();) {
+    std::size_t end = begin;
+    while (end < sorted.size() && sorted[end].x == sorted[begin].x &&
+           sorted[end].y == sorted[begin].y) {
+      ++end;
+    }
+    Column column{sorted[begin].x, sorted[begin].y, static_cast<int>(samples.size()), 0};
+    AverageColumn(sorted.data() + begin, sorted.data() + end, &samples);
+    column.end = static_cast<int>(samples.size());
+    if (column.end > column.begin) columns.push_back(column);
+    begin = end;
+  }
+  NormalEstimator estimator(columns, samples);
+  estimator.set_column_size_m(column_size_m);
+  tbb::parallel_for(std::size_t{0}, columns.size(), [&](std::size_t c) {
+    for (int k = columns[c].begin; k < columns[c].end; ++k) {
+      samples[k].normal = estimator.Estimate(columns[c], samples[k]);
+    }
+  });
+  return samples;
+}
+
+}  // namespace scenecalib

@@ -1,0 +1,32 @@
+#pragma once
+
+#include <vector>
+
+#include "scene_point.h"
+#include "scenecalib/mapping/scene_map.h"
+
+namespace scenecalib {
+
+/// Covers the structure above the ground with surfels.
+///
+/// From voxels of the coarsest size down, every plane that many points of a voxel agree with is
+/// peeled off; what is left goes to the voxel's eight parts. So each place is covered by the
+/// largest planar patch that holds there, and a pole before a wall does not spoil the wall. A patch
+/// is the set of small cells of its plane whose points have no systematic offset from it, and
+/// becomes several discs that share the patch's plane, scale and thickness but keep to the places
+/// where there are points. What is not planar at the finest size becomes occluders (planar =
+/// false).
+///
+/// stamps_ns is by scan. Deterministic: voxels are independent and joined in the order of their
+/// keys.
+std::vector<Surfel> FitSurfels(const std::vector<ScenePoint>& points,
+                               const std::vector<PointLabel>& labels,
+                               const std::vector<Timestamp>& stamps_ns,
+                               const SurfelOptions& options);
+
+/// Standard deviation of the returns about planar structure, metres: the range noise along the
+/// surfaces' normals and whatever the trajectory adds. Estimated from small planar voxels.
+double EstimateSurfaceNoise(const std::vector<ScenePoint>& points, const VoxelGroups& voxels,
+                            const SurfelOptions& options);
+
+}  // namespace scenecalib
