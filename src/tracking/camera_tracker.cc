@@ -15,11 +15,13 @@
 #include "scenecalib/tracking/feature_detector.h"
 #include "scenecalib/tracking/patch_registration.h"
 #include "scenecalib/tracking/reference_registration.h"
+#include "scenecalib/tracking/scene_flow.h"
 #include "scenecalib/tracking/track_verification.h"
 
 // From images to live tracks, one image at a time (AddImage):
 //   predict where each feature goes -> pyramidal Lucas-Kanade there and back -> registration of the
 //   patch against an earlier view of the same track, which stops drift and chains the affine warp
+//   -> a second try, where the others' motion predicts it, for what was lost (scene_flow.h)
 //   -> drop what is fixed to the vehicle -> detect new features where there is room.
 // From live tracks to verified ones (Segment): reference_registration.h, track_verification.h.
 
@@ -32,6 +34,8 @@ constexpr std::size_t kStaticWindow = 8;
 constexpr int kFixedMarginPx = 7;
 /// Two live tracks nearer than this follow the same thing: the younger ends.
 constexpr double kMergeDistancePx = 4.0;
+/// How far from its prediction by scene flow a lost feature is looked for.
+constexpr double kMaxRescueShiftPx = 10.0;
 /// Mean grey value and its deviation below which an image counts as black.
 constexpr double kBlackMean = 3.0;
 constexpr double kBlackDeviation = 2.0;
@@ -90,6 +94,7 @@ struct CameraTracker::Impl {
   std::vector<LiveTrack> finished;
   std::int64_t next_id = 0;
   std::vector<cv::Mat> previous_pyramid;
+  std::optional<SceneFlow> scene_flow;  ///< between the last two images
   bool previous_equalised = false;
   Timestamp previous_stamp_ns = 0;
   Timestamp before_previous_stamp_ns = 0;
@@ -106,6 +111,10 @@ struct CameraTracker::Impl {
   void Follow(const GrayImage& image, const std::vector<cv::Mat>& pyramid, FrameTracking* frame);
   bool Extend(const GrayImage& image, const Prediction& predicted,
               const Eigen::Vector2d& flow_pixel, ActiveTrack* active_track) const;
+  bool Rescue(const GrayImage& image, const std::vector<cv::Mat>& pyramid, const PatchWarp& step,
+              ActiveTrack* active_track) const;
+  void EstimateSceneFlow(const std::vector<char>& is_extended);
+  void MaskWhatLeaves(cv::Mat* mask) const;
   void RemoveDuplicates(FrameTracking* frame);
   void RemoveFixed(FrameTracking* frame);
   void Detect(const GrayImage& image, const cv::Mat& equalised, FrameTracking* frame);
@@ -264,18 +273,53 @@ void CameraTracker::Impl::Finish(ActiveTrack* active_track) {
   }
 }
 
+/// Finds by scene flow what the search did not: first the shift at half resolution, where it may be
+/// large, against the previous image; then Extend.
+bool CameraTracker::Impl::Rescue(const GrayImage& image, const std::vector<cv::Mat>& pyramid,
+                                 const PatchWarp& step, ActiveTrack* active_track) const {
+  constexpr std::size_t kHalfResolution = 2;  // the pyramid holds image, derivatives, image, ...
+  const LiveObservation& last = active_track->track.observations.back();
+  Prediction predicted;
+  predicted.pixel = step.center_px;
+  predicted.affine_from_first = step.affine * last.affine_from_first;
+  if (pyramid.size() > kHalfResolution && previous_pyramid.size() > kHalfResolution) {
+    const auto patch =
+        PatchTemplate::Create(previous_pyramid[kHalfResolution], 0.5 * last.pixel,
+                              options.registration.live_radius_px, WarpFreedom::kShift);
+    if (!patch) return false;
+    PatchWarp half = step;
+    half.center_px *= 0.5;
+    const auto match =
+        patch->Register(pyramid[kHalfResolution], half,
+                        {options.registration.max_iterations, 0.05, kMaxRescueShiftPx / 2.0});
+    if (!match || match->ncc < options.registration.min_live_ncc) return false;
+    predicted.pixel = 2.0 * match->warp.center_px;
+  }
+  return Extend(image, predicted, predicted.pixel, active_track);
+}
+
 void CameraTracker::Impl::Follow(const GrayImage& image, const std::vector<cv::Mat>& pyramid,
                                  FrameTracking* frame) {
   const std::vector<Prediction> predicted = Predict(image.stamp_ns);
   const auto flow = Flow(pyramid, predicted);
   std::vector<char> is_extended(active.size(), 0);
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, active.size(), 32),
-                    [&](const tbb::blocked_range<std::size_t>& range) {
-                      for (std::size_t i = range.begin(); i < range.end(); ++i) {
-                        is_extended[i] =
-                            flow[i] && Extend(image, predicted[i], *flow[i], &active[i]) ? 1 : 0;
-                      }
-                    });
+  const auto for_each = [this](const auto& body) {
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, active.size(), 32),
+                      [&](const tbb::blocked_range<std::size_t>& range) {
+                        for (std::size_t i = range.begin(); i < range.end(); ++i) body(i);
+                      });
+  };
+  for_each([&](std::size_t i) {
+    is_extended[i] = flow[i] && Extend(image, predicted[i], *flow[i], &active[i]) ? 1 : 0;
+  });
+  EstimateSceneFlow(is_extended);
+  if (scene_flow) {
+    for_each([&](std::size_t i) {
+      if (is_extended[i] != 0) return;
+      const auto step = scene_flow->Predict(active[i].track.observations.back().pixel);
+      is_extended[i] = step && Rescue(image, pyramid, *step, &active[i]) ? 1 : 0;
+    });
+  }
   std::vector<ActiveTrack> kept;
   kept.reserve(active.size());
   for (std::size_t i = 0; i < active.size(); ++i) {
@@ -287,6 +331,20 @@ void CameraTracker::Impl::Follow(const GrayImage& image, const std::vector<cv::M
     }
   }
   active = std::move(kept);
+}
+
+/// From the tracks that reached the newest image.
+void CameraTracker::Impl::EstimateSceneFlow(const std::vector<char>& is_extended) {
+  std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>> pixels;
+  for (std::size_t i = 0; i < active.size(); ++i) {
+    if (is_extended[i] == 0) continue;
+    const auto& observations = active[i].track.observations;
+    pixels.emplace_back(observations[observations.size() - 2].pixel, observations.back().pixel);
+  }
+  const VerificationOptions& verification = options.verification;
+  scene_flow = SceneFlow::Estimate(
+      *model, pixels, verification.min_motion_px,
+      {verification.ransac_iterations / 2, verification.max_epipolar_error_px, 1});
 }
 
 /// Of two tracks that ran into each other the one with the shorter history ends.
@@ -358,10 +416,34 @@ void CameraTracker::Impl::RemoveFixed(FrameTracking* frame) {
   active = std::move(kept);
 }
 
+/// Clears the mask where a new feature would be out of the image in the next one, were the motion
+/// to go on.
+void CameraTracker::Impl::MaskWhatLeaves(cv::Mat* mask) const {
+  if (!scene_flow) return;
+  constexpr int kCellPx = 32;
+  const int columns = (mask->cols + kCellPx - 1) / kCellPx;
+  const int rows = (mask->rows + kCellPx - 1) / kCellPx;
+  std::vector<char> leaves(static_cast<std::size_t>(columns * rows), 0);
+  tbb::parallel_for(0, columns * rows, [&](int cell) {
+    const Eigen::Vector2d center((cell % columns + 0.5) * kCellPx,
+                                 (cell / columns + 0.5) * kCellPx);
+    if (!IsSet(domain, center)) return;
+    const auto step = scene_flow->Predict(center);
+    leaves[cell] = step && IsSet(domain, step->center_px) ? 0 : 1;
+  });
+  const cv::Rect whole(0, 0, mask->cols, mask->rows);
+  for (int cell = 0; cell < columns * rows; ++cell) {
+    if (leaves[cell] == 0) continue;
+    const cv::Rect area(cell % columns * kCellPx, cell / columns * kCellPx, kCellPx, kCellPx);
+    (*mask)(area & whole).setTo(0);
+  }
+}
+
 void CameraTracker::Impl::Detect(const GrayImage& image, const cv::Mat& equalised,
                                  FrameTracking* frame) {
   cv::Mat mask = domain.clone();
   mask.setTo(0, fixed);
+  MaskWhatLeaves(&mask);
   std::vector<Eigen::Vector2d> live;
   live.reserve(active.size());
   for (const ActiveTrack& track : active) live.push_back(track.track.observations.back().pixel);

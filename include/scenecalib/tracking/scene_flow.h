@@ -1,0 +1,52 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "scenecalib/sensor/camera_model.h"
+#include "scenecalib/tracking/patch_registration.h"
+#include "scenecalib/tracking/relative_motion.h"
+
+namespace scenecalib {
+
+/// Where pixels of one image go in the next, from the features already followed between the two.
+///
+/// The camera's motion (up to scale) gives every followed feature an inverse range. On a plane the
+/// inverse range is linear in the unit ray, so a linear fit to a pixel's nearest features carries
+/// over to places where nothing could be followed yet: the near road, whose motion is too large and
+/// too stretched to be found by searching. Predictions are to be verified in the image.
+class SceneFlow {
+ public:
+  /// `pixels` are (before, after). None when too few agree with one motion or the features hardly
+  /// moved.
+  static std::optional<SceneFlow> Estimate(
+      const CameraModel& model,
+      const std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>>& pixels, double min_motion_px,
+      const RelativeMotionOptions& options);
+
+  /// The warp of a pixel's surroundings (first order); none where it would leave the image.
+  std::optional<PatchWarp> Predict(const Eigen::Vector2d& pixel) const;
+
+ private:
+  struct Support {
+    Eigen::Vector2d pixel;
+    Eigen::Vector3d ray;
+    double inverse_range = 0.0;  ///< in units of the step's length
+    double weight = 0.0;         ///< of the inverse range: the ray's angle to the motion, squared
+  };
+
+  SceneFlow(const CameraModel* model, RelativeMotion motion)
+      : model_(model), motion_(std::move(motion)) {}
+
+  std::optional<Eigen::Vector3d> FitInverseRange(const Eigen::Vector2d& pixel) const;
+  std::optional<Eigen::Vector2d> Transfer(const Eigen::Vector2d& pixel,
+                                          const Eigen::Vector3d& inverse_range_by_ray) const;
+
+  const CameraModel* model_;  ///< must outlive this
+  RelativeMotion motion_;
+  std::vector<Support> supports_;
+};
+
+}  // namespace scenecalib

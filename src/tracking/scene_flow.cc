@@ -1,0 +1,122 @@
+#include "scenecalib/tracking/scene_flow.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+
+namespace scenecalib {
+namespace {
+
+/// Nearest features that a pixel's inverse range is fitted to.
+constexpr std::size_t kNumSupports = 14;
+/// Half the distance over which the warp is differenced.
+constexpr double kDifferencePx = 4.0;
+
+}  // namespace
+
+std::optional<SceneFlow> SceneFlow::Estimate(
+    const CameraModel& model,
+    const std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>>& pixels, double min_motion_px,
+    const RelativeMotionOptions& options) {
+  std::vector<RayPair> pairs;
+  std::vector<Eigen::Vector2d> before;
+  std::vector<double> motions_px;
+  for (const auto& [first_px, second_px] : pixels) {
+    UnprojectionJacobians first, second;
+    const auto first_ray = model.Unproject(first_px, &first);
+    const auto second_ray = model.Unproject(second_px, &second);
+    if (!first_ray || !second_ray) continue;
+    pairs.push_back({*first_ray, *second_ray, first.ray_by_pixel, second.ray_by_pixel});
+    before.push_back(first_px);
+    motions_px.push_back((second_px - first_px).norm());
+  }
+  if (motions_px.size() < 2 * kNumSupports) return std::nullopt;
+  const auto middle = motions_px.begin() + static_cast<std::ptrdiff_t>(motions_px.size() / 2);
+  std::nth_element(motions_px.begin(), middle, motions_px.end());
+  if (*middle < min_motion_px) return std::nullopt;
+  auto motion = EstimateRelativeMotion(pairs, options);
+  if (!motion || 2 * motion->num_inliers < static_cast<int>(pairs.size())) return std::nullopt;
+
+  SceneFlow flow(&model, std::move(*motion));
+  double balance = 0.0;
+  for (std::size_t i = 0; i < pairs.size(); ++i) {
+    if (!flow.motion_.inlier[i]) continue;
+    // rotated + inverse_range * direction is parallel to the second ray.
+    const Eigen::Vector3d rotated = flow.motion_.second_from_first * pairs[i].ray_in_first;
+    const Eigen::Vector3d across = flow.motion_.direction.cross(pairs[i].ray_in_second);
+    Support support;
+    support.pixel = before[i];
+    support.ray = pairs[i].ray_in_first;
+    support.weight = across.squaredNorm();
+    if (support.weight < 1e-4) continue;  // within half a degree of the direction of motion
+    support.inverse_range = -across.dot(rotated.cross(pairs[i].ray_in_second)) / support.weight;
+    balance += support.weight * support.inverse_range;
+    flow.supports_.push_back(support);
+  }
+  if (flow.supports_.size() < kNumSupports) return std::nullopt;
+  if (balance < 0.0) {  // things lie in front: that decides the direction's sign
+    flow.motion_.direction = -flow.motion_.direction;
+    for (Support& support : flow.supports_) support.inverse_range = -support.inverse_range;
+  }
+  return flow;
+}
+
+std::optional<Eigen::Vector3d> SceneFlow::FitInverseRange(const Eigen::Vector2d& pixel) const {
+  std::vector<std::pair<double, std::size_t>> nearest(supports_.size());
+  for (std::size_t i = 0; i < supports_.size(); ++i) {
+    nearest[i] = {(supports_[i].pixel - pixel).squaredNorm(), i};
+  }
+  const auto end = nearest.begin() + kNumSupports;
+  std::nth_element(nearest.begin(), end - 1, nearest.end());
+  std::sort(nearest.begin(), end);
+  Eigen::Vector3d fit = Eigen::Vector3d::Zero();
+  double scale = 0.0;
+  for (int round = 0; round < 3; ++round) {
+    Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
+    Eigen::Vector3d right = Eigen::Vector3d::Zero();
+    double error_sum = 0.0;
+    for (auto it = nearest.begin(); it != end; ++it) {
+      const Support& support = supports_[it->second];
+      const double error = std::abs(support.inverse_range - fit.dot(support.ray));
+      // From the second round on, features of another surface lose their say.
+      const double robust = round == 0 ? 1.0 : scale / (scale + error);
+      error_sum += error;
+      normal += support.weight * robust * support.ray * support.ray.transpose();
+      right += support.weight * robust * support.ray * support.inverse_range;
+    }
+    scale = error_sum / kNumSupports + 1e-6;
+    normal.diagonal().array() += 1e-5 * normal.trace();
+    fit = normal.ldlt().solve(right);
+  }
+  if (!fit.allFinite()) return std::nullopt;
+  return fit;
+}
+
+std::optional<Eigen::Vector2d> SceneFlow::Transfer(
+    const Eigen::Vector2d& pixel, const Eigen::Vector3d& inverse_range_by_ray) const {
+  const auto ray = model_->Unproject(pixel);
+  if (!ray) return std::nullopt;
+  const double inverse_range = std::max(0.0, inverse_range_by_ray.dot(*ray));
+  return model_->Project(motion_.second_from_first * *ray + inverse_range * motion_.direction);
+}
+
+std::optional<PatchWarp> SceneFlow::Predict(const Eigen::Vector2d& pixel) const {
+  const auto fit = FitInverseRange(pixel);
+  if (!fit) return std::nullopt;
+  const auto center = Transfer(pixel, *fit);
+  if (!center) return std::nullopt;
+  PatchWarp warp;
+  warp.center_px = *center;
+  for (int axis = 0; axis < 2; ++axis) {
+    const Eigen::Vector2d step = kDifferencePx * Eigen::Vector2d::Unit(axis);
+    const auto after = Transfer(pixel + step, *fit);
+    const auto before = Transfer(pixel - step, *fit);
+    if (!after || !before) return std::nullopt;
+    warp.affine.col(axis) = (*after - *before) / (2.0 * kDifferencePx);
+  }
+  if (!(warp.affine.determinant() > 0.05 && warp.affine.determinant() < 20.0)) return std::nullopt;
+  return warp;
+}
+
+}  // namespace scenecalib
