@@ -19,6 +19,10 @@ constexpr std::size_t kMinTileSamples = 50;
 /// around the data.
 constexpr float kMaxHeightError_m = 0.1F;
 
+/// Neighbouring tiles agree to a millimetre or two; they overlap by this much, so that no grazing
+/// ray slips through the step between them.
+constexpr float kSeamOverlap_m = 0.1F;
+
 /// Where a tile has data: a raster of the samples' heights, closed over small holes only, so that
 /// the mesh neither covers what nobody saw nor grows over the data's border.
 class DataMask {
@@ -234,14 +238,14 @@ TriangleMesh BuildGroundMesh(const std::vector<ScenePoint>& points,
   MeshJoiner joiner;
   for (const auto& [index, tile] : Divide(samples, options)) {
     if (!tile.has_core || tile.samples.size() < kMinTileSamples) continue;
-    const Eigen::Vector2f min_m(static_cast<float>(index.first * options.tile_size_m),
-                                static_cast<float>(index.second * options.tile_size_m));
-    const Eigen::Vector2f max_m(static_cast<float>((index.first + 1) * options.tile_size_m),
-                                static_cast<float>((index.second + 1) * options.tile_size_m));
+    const auto size_m = static_cast<float>(options.tile_size_m);
+    const Eigen::Vector2f corner_m =
+        size_m * Eigen::Vector2f(static_cast<float>(index.first), static_cast<float>(index.second));
+    const Eigen::AlignedBox2f core(corner_m - Eigen::Vector2f::Constant(kSeamOverlap_m),
+                                   corner_m + Eigen::Vector2f::Constant(size_m + kSeamOverlap_m));
     const TriangleMesh surface =
         PoissonSurface(tile.samples, options.mesh_cell_m, options.point_weight);
-    joiner.Append(surface, DataMask(tile.samples, options.column_size_m, options.max_hole_m),
-                  Eigen::AlignedBox2f(min_m, max_m));
+    joiner.Append(surface, DataMask(tile.samples, options.column_size_m, options.max_hole_m), core);
   }
   return std::move(joiner.mesh);
 }

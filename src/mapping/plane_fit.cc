@@ -11,7 +11,7 @@ namespace {
 
 constexpr int kMaxSamples = 200;
 constexpr int kMaxTrials = 24;
-constexpr int kRefinements = 3;
+constexpr int kRefinements = 2;
 /// Inliers spread less than this share of their length across it: a line fixes no plane.
 constexpr float kMinAspect = 0.05F;
 

@@ -22,13 +22,18 @@ constexpr int kMaxPlanesPerVoxel = 3;
 /// left to the finer levels.
 constexpr float kMinAreaShare = 0.25F;
 constexpr float kMinWidthShare = 0.35F;
+/// A patch has to explain this share of the voxel's points near its plane, and in voxels of at most
+/// kFineEdge_m of all of them: in foliage every slab holds some points that look like a plane.
+constexpr float kMinExplainedShare = 0.5F;
+constexpr float kNearSigmas = 8.0F;
+constexpr float kFineEdge_m = 0.5F;
 /// RMS about the plane of a planar patch, in noise standard deviations.
 constexpr float kMaxThicknessSigmas = 1.5F;
 /// Noise is read off voxels of this edge that hold at least so many points.
 constexpr double kNoiseVoxel_m = 0.4;
 constexpr int kNoisePoints = 60;
-/// The share of those voxels taken as planar.
-constexpr double kNoiseQuantile = 0.35;
+/// Rank of the noise among them: walls seen head-on show all of the range noise, oblique ones less.
+constexpr double kNoiseQuantile = 0.6;
 
 /// A point as the voxel fits see it.
 struct LocalPoint {
@@ -143,14 +148,24 @@ bool VoxelFitter::PeelPlane(std::vector<LocalPoint>* local, const Eigen::Vector3
   }
   std::vector<LocalPoint> rest;
   std::vector<int> own_indices;
+  int num_rivals = 0;  // own points that the patch should explain
   for (const LocalPoint& point : *local) {
+    const bool is_own = Inside(point.position_m, corner_m, edge_m);
+    if (is_own && (edge_m < kFineEdge_m ||
+                   std::abs(plane->Distance(point.position_m)) < kNearSigmas * noise_m_)) {
+      ++num_rivals;
+    }
     if (!patch.Explains(point.position_m)) {
       rest.push_back(point);
-    } else if (Inside(point.position_m, corner_m, edge_m)) {
+    } else if (is_own) {
       own_indices.push_back(point.index);
     }
   }
-  if (static_cast<int>(own_indices.size()) < options_.min_points_planar) return false;
+  if (static_cast<int>(own_indices.size()) < options_.min_points_planar ||
+      static_cast<float>(own_indices.size()) <
+          kMinExplainedShare * static_cast<float>(num_rivals)) {
+    return false;
+  }
   AddDiscs(*plane, patch, own_indices, edge_m);
   *local = std::move(rest);
   return true;

@@ -60,8 +60,8 @@ struct GroundOptions {
   double max_height_above_low_m = 0.07;
   double max_range_m = 50.0;
   double column_size_m = 0.1;
-  double tile_size_m = 15.0;
-  double tile_overlap_m = 1.5;
+  double tile_size_m = 16.0;
+  double tile_overlap_m = 0.8;
   double mesh_cell_m = 0.16;
   double point_weight = 4.0;
   double max_hole_m = 0.4;
@@ -74,7 +74,7 @@ struct GroundOptions {
     v.Field("column_size_m", &column_size_m, {0.02, 0.5},
             "ground points are averaged in columns of this edge");
     v.Field("tile_size_m", &tile_size_m, {4.0, 100.0}, "edge of a Poisson tile");
-    v.Field("tile_overlap_m", &tile_overlap_m, {0.5, 10.0}, "data around a tile that it also sees");
+    v.Field("tile_overlap_m", &tile_overlap_m, {0.3, 10.0}, "data around a tile that it also sees");
     v.Field("mesh_cell_m", &mesh_cell_m, {0.03, 1.0}, "largest edge of a Poisson octree leaf");
     v.Field("point_weight", &point_weight, {0.0, 100.0}, "Poisson's interpolation weight");
     v.Field("max_hole_m", &max_hole_m, {0.1, 5.0}, "the mesh is cut where data is farther off");
