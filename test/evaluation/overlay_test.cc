@@ -56,9 +56,10 @@ TEST(Overlay, GroundSeenAtAGrazingAngleDoesNotHideItself) {
     }
   }
   const CameraConfig camera = ForwardCamera("front");
+  const Rigid3 camera_from_map = CameraFromMap();
   std::size_t num_inside = 0;
   for (const MapPoint& point : points) {
-    if (camera.model->Project(CameraFromMap() * point.position_m.cast<double>())) ++num_inside;
+    if (camera.model->Project(camera_from_map * point.position_m.cast<double>())) ++num_inside;
   }
   const auto visible = FindVisiblePoints(*camera.model, points, CameraFromMap(), OverlayOptions());
   EXPECT_EQ(visible.size(), num_inside);

@@ -1,0 +1,59 @@
+#pragma once
+
+#include <map>
+#include <opencv2/core.hpp>
+#include <optional>
+#include <vector>
+
+#include "scenecalib/base/options.h"
+#include "scenecalib/base/status.h"
+#include "scenecalib/calibration/calibration_result.h"
+#include "scenecalib/mapping/scene_map.h"
+#include "scenecalib/sensor/rig.h"
+
+namespace scenecalib {
+
+struct MiscalibrationOptions {
+  double max_translation_m = 0.02;
+  double max_rotation_deg = 0.2;
+  int num_samples = 40;
+  int num_times = 6;
+  double pair_separation_s = 0.5;
+  double max_stamp_difference_s = 0.1;
+  int min_points = 200;
+  int max_points = 1000;
+  int seed = 1;
+  void Visit(OptionVisitor& v) {
+    v.Field("max_translation_m", &max_translation_m, {1e-4, 1.0}, "positions are moved by up to");
+    v.Field("max_rotation_deg", &max_rotation_deg, {1e-3, 10.0}, "rotations are turned by up to");
+    v.Field("num_samples", &num_samples, {1, 10000}, "perturbed poses per axis");
+    v.Field("num_times", &num_times, {1, 1000}, "times, evenly over the recording, to look at");
+    v.Field("pair_separation_s", &pair_separation_s, {0.01, 60.0},
+            "between the two images of a pair of one camera");
+    v.Field("max_stamp_difference_s", &max_stamp_difference_s, {1e-3, 10.0},
+            "between an image and the time it stands for");
+    v.Field("min_points", &min_points, {10, 1000000}, "map points that both images must see");
+    v.Field("max_points", &max_points, {10, 1000000}, "map points compared per pair");
+    v.Field("seed", &seed, {0, 2147483647}, "of the perturbations");
+  }
+};
+
+/// The miscalibration rate of IV-A for every camera of the rig: the share of poses, perturbed along
+/// one axis of the camera frame at a time, under which the map's points look more alike in a pair
+/// of images than under the given pose, averaged over pairs. Zero is ideal, one half is what a pose
+/// well off the optimum gives. x, y, z are right, down, forward; roll turns about forward, pitch
+/// about right, yaw about down.
+///
+/// Differs from the paper: likeness is the normalised cross-correlation of the points' brightness,
+/// because cameras differ in exposure; and pairs of one camera at two times count too, perturbed
+/// together (it is one pose), so that a camera that overlaps with no other has a rate.
+///
+/// `images` (CV_8UC1, by the camera's own stamps) is parallel to rig.cameras. A camera for which no
+/// pair shares enough points has no rate. InvalidArgument for options out of range or lists of
+/// different lengths. The same for any number of threads.
+Result<std::vector<std::optional<MiscalibrationRate>>> ComputeMiscalibrationRates(
+    const Rig& rig, const SceneMap& map,
+    const std::vector<const std::map<Timestamp, cv::Mat>*>& images,
+    const MiscalibrationOptions& options);
+
+}  // namespace scenecalib
