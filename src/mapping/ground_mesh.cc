@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "ground_samples.h"
+#include "height_correction.h"
 #include "poisson.h"
 
 namespace scenecalib {
@@ -243,8 +244,8 @@ TriangleMesh BuildGroundMesh(const std::vector<ScenePoint>& points,
         size_m * Eigen::Vector2f(static_cast<float>(index.first), static_cast<float>(index.second));
     const Eigen::AlignedBox2f core(corner_m - Eigen::Vector2f::Constant(kSeamOverlap_m),
                                    corner_m + Eigen::Vector2f::Constant(size_m + kSeamOverlap_m));
-    const TriangleMesh surface =
-        PoissonSurface(tile.samples, options.mesh_cell_m, options.point_weight);
+    TriangleMesh surface = PoissonSurface(tile.samples, options.mesh_cell_m, options.point_weight);
+    CorrectHeights(tile.samples, &surface);
     joiner.Append(surface, DataMask(tile.samples, options.column_size_m, options.max_hole_m), core);
   }
   return std::move(joiner.mesh);
