@@ -13,15 +13,6 @@
 
 namespace scenecalib {
 
-/// Evidence of one image's tracking.
-struct FrameTracking {
-  Timestamp stamp_ns = 0;
-  int num_tracked = 0;   ///< carried over from the image before
-  int num_rejected = 0;  ///< lost by forward-backward, appearance or geometry
-  int num_new = 0;
-  double mean_brightness = 0.0;  ///< grey value 0..255
-};
-
 /// What a camera's images gave in a segment.
 struct CameraSegment {
   std::vector<Track> tracks;  ///< verified, sorted by id

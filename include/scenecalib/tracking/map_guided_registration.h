@@ -26,7 +26,7 @@ struct MapGuidedOptions {
   int max_iterations = 12;
   double convergence_px = 0.003;
   double min_ncc = 0.85;
-  double max_scale = 2.2;
+  double max_scale = 2.5;
   double max_shift_px = 1.0;
   int max_extension = 20;
   double max_extension_shift_px = 2.5;

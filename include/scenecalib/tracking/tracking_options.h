@@ -53,7 +53,7 @@ struct RegistrationOptions {
   double min_live_ncc = 0.75;
   double min_ncc = 0.85;
   double max_live_scale = 1.35;
-  double max_scale = 1.8;
+  double max_scale = 2.5;
   double max_correction_px = 3.0;
   double max_sigma_px = 0.3;
   double sigma_floor_px = 0.02;

@@ -1,0 +1,89 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <opencv2/core.hpp>
+#include <optional>
+#include <vector>
+
+#include "scenecalib/sensor/camera_model.h"
+#include "scenecalib/sensor/measurements.h"
+#include "scenecalib/tracking/image_flow.h"
+#include "scenecalib/tracking/patch_registration.h"
+#include "scenecalib/tracking/reference_registration.h"
+#include "scenecalib/tracking/scene_flow.h"
+#include "scenecalib/tracking/track.h"
+#include "scenecalib/tracking/tracking_options.h"
+
+namespace scenecalib {
+
+/// A track that is still being followed, with the patch it is compared with.
+struct ActiveTrack {
+  LiveTrack track;
+  PatchTemplate patch;
+  Eigen::Matrix2d patch_affine_from_first = Eigen::Matrix2d::Identity();
+};
+
+/// Features followed from image to image:
+///   predict where each goes -> pyramidal Lucas-Kanade there and back -> registration of the patch
+///   against an earlier view of the same track, which stops drift and chains the affine warp
+///   -> a second try, where the others' motion predicts it, for what was lost (scene_flow.h)
+///   -> drop what is fixed to the vehicle -> detect new features where there is room.
+/// The caller checks the images' size, type and order.
+class LiveTracker {
+ public:
+  LiveTracker(CameraModelPtr model, const TrackingOptions& options);
+
+  /// `pixels` must stay unchanged while the tracker lives.
+  FrameTracking Add(const GrayImage& image);
+
+  /// Drops sightings up to this time, and what then is no track any more.
+  void Forget(Timestamp stamp_ns);
+
+  /// Finished tracks and those still being followed.
+  std::vector<LiveTrack> Tracks() const;
+
+  const std::vector<ActiveTrack>& active() const { return active_; }
+
+  /// 255 where a whole patch sees the scene through the model and nothing is fixed to the vehicle.
+  cv::Mat Mask() const;
+
+ private:
+  /// Where a feature is expected, and by how much its surroundings are stretched there.
+  struct Prediction {
+    Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+    Eigen::Matrix2d affine_from_first = Eigen::Matrix2d::Identity();
+  };
+
+  std::vector<Prediction> Predict(Timestamp stamp_ns) const;
+  void BorrowMotion(const std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>>& known,
+                    Prediction* predicted) const;
+  void Follow(const GrayImage& image, const FlowPyramid& pyramid, FrameTracking* frame);
+  bool Extend(const GrayImage& image, const Prediction& predicted, ActiveTrack* active_track) const;
+  bool Rescue(const GrayImage& image, const FlowPyramid& pyramid, const PatchWarp& step,
+              ActiveTrack* active_track) const;
+  void EstimateSceneFlow(const std::vector<char>& is_extended);
+  void RemoveDuplicates(FrameTracking* frame);
+  void RemoveFixed(FrameTracking* frame);
+  void MaskWhatLeaves(cv::Mat* mask) const;
+  void Detect(const GrayImage& image, const cv::Mat& equalised, FrameTracking* frame);
+  /// Ends the tracks that are not kept; `forget` drops them altogether.
+  int EndOthers(const std::vector<char>& is_kept, bool forget);
+
+  CameraModelPtr model_;
+  TrackingOptions options_;
+  cv::Mat domain_;  ///< 255 where a whole patch sees the scene through the model
+  cv::Mat fixed_;   ///< 255 where something fixed to the vehicle was found
+  std::vector<ActiveTrack> active_;
+  std::vector<LiveTrack> finished_;
+  std::int64_t next_id_ = 0;
+
+  cv::Mat previous_image_;
+  FlowPyramid previous_pyramid_;
+  bool previous_equalised_ = false;
+  Timestamp previous_stamp_ns_ = 0;
+  Timestamp before_previous_stamp_ns_ = 0;
+  std::optional<SceneFlow> scene_flow_;  ///< between the last two images
+};
+
+}  // namespace scenecalib
