@@ -110,6 +110,19 @@ RegisteredScan Register(const LidarScan& scan, const SweepRegistration& registra
   return registered;
 }
 
+/// The spline's poses in the map frame: origin at the first pose, z against gravity where it was
+/// measured (else the odometry's frame has z on the ground's normal).
+std::vector<TimedPose> LeveledPoses(const PoseSpline& spline,
+                                    const std::optional<Eigen::Vector3d>& gravity) {
+  const Eigen::Quaterniond level =
+      gravity ? Eigen::Quaterniond::FromTwoVectors(-*gravity, Eigen::Vector3d::UnitZ())
+              : Eigen::Quaterniond::Identity();
+  const Rigid3 map_from_spline(level, -(level * spline.PoseAt(0.0).translation));
+  std::vector<TimedPose> poses = spline.Sample(kTrajectoryStepS);
+  for (TimedPose& pose : poses) pose.map_from_lidar = map_from_spline * pose.map_from_lidar;
+  return poses;
+}
+
 std::string Percent(int part, int whole) {
   std::ostringstream text;
   text << part << " of " << whole;
@@ -122,6 +135,13 @@ struct SegmentMapper::Impl {
   Impl(Rig rig_in, const MappingOptions& options_in)
       : rig(std::move(rig_in)), options(options_in), prior(rig), odometry(options_in.odometry) {}
 
+  Result<RefinementResult> Refine(const BufferedScans& used, const PoseSpline& initial,
+                                  const ProgressCallback& progress) const {
+    std::vector<const LidarScan*> lidar_scans;
+    for (const auto& scan : used) lidar_scans.push_back(&scan->scan);
+    return RefineTrajectory(initial, lidar_scans, prior, options.odometry.min_range_m,
+                            options.odometry.max_range_m, options.refinement, progress);
+  }
   void AddWarnings(const BufferedScans& used, MappingReport* report) const;
   Result<MappingResult> Build(const BufferedScans& used, Trajectory trajectory,
                               MappingReport report, const ProgressCallback& progress) const;
@@ -266,13 +286,23 @@ Result<MappingResult> SegmentMapper::BuildMap(const ProgressCallback& progress) 
   report.num_scans_in = impl.num_scans_in;
   report.num_scans_dropped_at_bound = impl.num_scans_dropped;
   impl.AddWarnings(used, &report);
-  const PoseSpline spline(*odometry, impl.options.refinement.knot_interval_s);
-  const Rigid3 map_from_first(Eigen::Quaterniond::Identity(), -spline.PoseAt(0.0).translation);
-  std::vector<TimedPose> poses = spline.Sample(kTrajectoryStepS);
-  for (TimedPose& pose : poses) pose.map_from_lidar = map_from_first * pose.map_from_lidar;
-  auto trajectory = Trajectory::Create(std::move(poses));
+  PoseSpline spline(*odometry, impl.options.refinement.knot_interval_s);
+  std::vector<RelativeMotionSigma> relative_motion;
+  std::optional<Eigen::Vector3d> gravity;
+  if (impl.options.refinement.enabled) {
+    const auto refined = impl.Refine(used, spline, progress);
+    if (!refined.ok()) return refined.status();
+    spline = refined->map_from_lidar;
+    relative_motion = refined->relative_motion;
+    gravity = refined->gravity_in_map_m_s2;
+    report.thickness_before_m = refined->thickness_before_m;
+    report.thickness_after_m = refined->thickness_after_m;
+  }
+  auto trajectory = Trajectory::Create(LeveledPoses(spline, gravity));
   if (!trajectory.ok()) return trajectory.status();
-  return impl.Build(used, std::move(*trajectory), std::move(report), progress);
+  auto result = impl.Build(used, std::move(*trajectory), std::move(report), progress);
+  if (result.ok()) result->map.relative_motion = std::move(relative_motion);
+  return result;
 }
 
 Result<MappingResult> SegmentMapper::BuildMapWithTrajectory(

@@ -29,6 +29,8 @@ class MotionPrior {
   /// Motion lidar(from) <- lidar(to) from the odometry. None without samples on both sides.
   std::optional<Rigid3> MotionBetween(Timestamp from_ns, Timestamp to_ns) const;
 
+  /// Identity when the rig has no IMU; imu() is empty then.
+  Rigid3 lidar_from_imu() const { return lidar_from_imu_.value_or(Rigid3::Identity()); }
   const std::deque<ImuSample>& imu() const { return imu_; }
   const std::deque<OdometrySample>& odometry() const { return odometry_; }
   /// Samples refused: not finite, or a stamp that was there already.

@@ -1,0 +1,374 @@
+#include "plane_patches.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+#include <tbb/parallel_sort.h>
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <tuple>
+
+#include "scenecalib/mapping/voxel_plane_map.h"
+
+namespace scenecalib {
+namespace {
+
+constexpr double kMinPatchPoints = 20.0;
+constexpr int kMinObservations = 3;
+constexpr double kMinUnevennessM = 5e-4;
+constexpr std::int64_t kCellOffset = 1 << 17;  // 18 bits per axis: 100 km of 0.4 m cells
+
+/// Sums over the points of one finest cell within one time bin, about the cell's centre. Single
+/// precision: there are a million of them, and offsets are below a metre.
+struct CellSum {
+  std::uint64_t cell = 0;  ///< Morton code, so that an octree node is a contiguous range
+  std::int32_t bin = 0;
+  float count = 0.0F;
+  float seconds = 0.0F;  ///< sum of times after the bin's start
+  Eigen::Vector3f sum = Eigen::Vector3f::Zero();
+  std::array<float, 6> outer{};  ///< xx, xy, xz, yy, yz, zz
+
+  void Add(const Eigen::Vector3d& offset, double seconds_in_bin) {
+    const Eigen::Vector3f o = offset.cast<float>();
+    count += 1.0F;
+    seconds += static_cast<float>(seconds_in_bin);
+    sum += o;
+    outer[0] += o.x() * o.x();
+    outer[1] += o.x() * o.y();
+    outer[2] += o.x() * o.z();
+    outer[3] += o.y() * o.y();
+    outer[4] += o.y() * o.z();
+    outer[5] += o.z() * o.z();
+  }
+  PointMoments Moments() const {
+    PointMoments moments;
+    moments.count = count;
+    moments.sum = sum.cast<double>();
+    moments.outer << outer[0], outer[1], outer[2], outer[1], outer[3], outer[4], outer[2], outer[4],
+        outer[5];
+    return moments;
+  }
+};
+
+bool Before(const CellSum& a, const CellSum& b) {
+  return a.cell != b.cell ? a.cell < b.cell : a.bin < b.bin;
+}
+
+std::uint64_t SpreadBits(std::uint64_t x) {
+  x &= 0x1fffff;
+  x = (x | x << 32) & 0x1f00000000ffffULL;
+  x = (x | x << 16) & 0x1f0000ff0000ffULL;
+  x = (x | x << 8) & 0x100f00f00f00f00fULL;
+  x = (x | x << 4) & 0x10c30c30c30c30c3ULL;
+  return (x | x << 2) & 0x1249249249249249ULL;
+}
+
+std::uint64_t GatherBits(std::uint64_t x) {
+  x &= 0x1249249249249249ULL;
+  x = (x ^ (x >> 2)) & 0x10c30c30c30c30c3ULL;
+  x = (x ^ (x >> 4)) & 0x100f00f00f00f00fULL;
+  x = (x ^ (x >> 8)) & 0x1f0000ff0000ffULL;
+  x = (x ^ (x >> 16)) & 0x1f00000000ffffULL;
+  return (x ^ (x >> 32)) & 0x1fffff;
+}
+
+Eigen::Vector3d CellCenter(std::uint64_t cell, double size_m) {
+  Eigen::Vector3d center;
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto index = static_cast<std::int64_t>(GatherBits(cell >> axis)) - kCellOffset;
+    center[axis] = (static_cast<double>(index) + 0.5) * size_m;
+  }
+  return center;
+}
+
+/// The cells of one scan.
+std::vector<CellSum> SumCells(const LidarScan& scan, const PoseTable& table, double min_range_m,
+                              double max_range_m, std::size_t stride, std::size_t phase,
+                              const RefinementOptions& options) {
+  struct Placed {
+    std::uint64_t cell;
+    std::int32_t bin;
+    float seconds_in_bin;
+    Eigen::Vector3f offset;
+  };
+  const double stamp_s = SecondsBetween(table.start_ns(), scan.stamp_ns);
+  std::vector<Placed> placed;
+  placed.reserve(scan.points.size() / stride + 1);
+  for (std::size_t i = phase; i < scan.points.size(); i += stride) {
+    const LidarPoint& point = scan.points[i];
+    const Eigen::Vector3d in_lidar = point.position_in_lidar_m.cast<double>();
+    const double range_m = in_lidar.norm();
+    if (!(range_m >= min_range_m && range_m <= max_range_m)) continue;
+    const double seconds = stamp_s + point.time_offset_s;
+    const Eigen::Vector3d in_map = table.Place(in_lidar, seconds);
+    Placed p;
+    p.cell = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+      const auto index =
+          static_cast<std::int64_t>(std::floor(in_map[axis] / options.finest_patch_m));
+      p.cell |= SpreadBits(static_cast<std::uint64_t>(index + kCellOffset)) << axis;
+      p.offset[axis] = static_cast<float>(in_map[axis] - (static_cast<double>(index) + 0.5) *
+                                                             options.finest_patch_m);
+    }
+    p.bin = static_cast<std::int32_t>(std::floor(seconds / options.time_bin_s));
+    p.seconds_in_bin = static_cast<float>(seconds - p.bin * options.time_bin_s);
+    placed.push_back(p);
+  }
+  std::stable_sort(placed.begin(), placed.end(), [](const Placed& a, const Placed& b) {
+    return a.cell != b.cell ? a.cell < b.cell : a.bin < b.bin;
+  });
+  std::vector<CellSum> cells;
+  for (const Placed& p : placed) {
+    if (cells.empty() || cells.back().cell != p.cell || cells.back().bin != p.bin) {
+      cells.emplace_back();
+      cells.back().cell = p.cell;
+      cells.back().bin = p.bin;
+    }
+    cells.back().Add(p.offset.cast<double>(), p.seconds_in_bin);
+  }
+  return cells;
+}
+
+std::vector<CellSum> SumAllCells(const std::vector<const LidarScan*>& scans, const PoseTable& table,
+                                 double min_range_m, double max_range_m,
+                                 const RefinementOptions& options) {
+  std::size_t num_points = 0;
+  for (const LidarScan* scan : scans) num_points += scan->points.size();
+  const std::size_t stride = num_points / static_cast<std::size_t>(options.max_points) + 1;
+  std::vector<std::vector<CellSum>> of_scan(scans.size());
+  tbb::parallel_for(std::size_t{0}, scans.size(), [&](std::size_t i) {
+    of_scan[i] = SumCells(*scans[i], table, min_range_m, max_range_m, stride, i % stride, options);
+  });
+  std::vector<CellSum> cells;
+  for (auto& some : of_scan) {
+    cells.insert(cells.end(), some.begin(), some.end());
+    some = {};
+  }
+  // Consecutive scans may share a bin: a total order, so that the result does not depend on
+  // threads.
+  tbb::parallel_sort(cells.begin(), cells.end(), [](const CellSum& a, const CellSum& b) {
+    if (a.cell != b.cell || a.bin != b.bin) return Before(a, b);
+    return std::tie(a.seconds, a.count, a.sum.x()) < std::tie(b.seconds, b.count, b.sum.x());
+  });
+  return cells;
+}
+
+struct Plane {
+  Eigen::Vector3d point = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d axes = Eigen::Matrix3d::Identity();  ///< columns: u, v, normal
+  Eigen::Vector3d sigma_m = Eigen::Vector3d::Zero();   ///< across, narrow, wide
+};
+
+Plane FitPlane(const PointMoments& moments) {
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(moments.Covariance());
+  Plane plane;
+  plane.point = moments.Mean();
+  plane.sigma_m = eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt();
+  const Eigen::Vector3d u = eigen.eigenvectors().col(2);
+  const Eigen::Vector3d normal = eigen.eigenvectors().col(0);
+  plane.axes << u, normal.cross(u), normal;
+  return plane;
+}
+
+/// One octree node's search for patches.
+class PatchFinder {
+ public:
+  PatchFinder(const std::vector<CellSum>& cells, const RefinementOptions& options)
+      : cells_(cells), options_(options) {}
+
+  void Search(std::size_t begin, std::size_t end, int level,
+              std::vector<PlanePatch>* patches) const {
+    const double count = Count(begin, end);
+    if (count < kMinPatchPoints) return;
+    const double size_m = options_.finest_patch_m * (1 << level);
+    const Eigen::Vector3d center = CellCenter(cells_[begin].cell >> (3 * level), size_m);
+    const Plane plane = FitPlane(Sum(begin, end, center));
+    const std::vector<std::size_t> children = Children(begin, end, level);
+    const bool planar = plane.sigma_m[0] < options_.max_thickness_m &&
+                        plane.sigma_m[1] > 0.1 * size_m &&
+                        plane.sigma_m[0] < 0.35 * plane.sigma_m[1];
+    if (planar && (level == 0 || !IsCurved(plane, children, level))) {
+      PlanePatch patch;
+      if (MakePatch(begin, end, center, plane, &patch)) patches->push_back(std::move(patch));
+      return;
+    }
+    if (level == 0) return;
+    for (std::size_t i = 0; i + 1 < children.size(); ++i) {
+      Search(children[i], children[i + 1], level - 1, patches);
+    }
+  }
+
+ private:
+  double Count(std::size_t begin, std::size_t end) const {
+    double count = 0.0;
+    for (std::size_t i = begin; i < end; ++i) count += cells_[i].count;
+    return count;
+  }
+  PointMoments MomentsAbout(std::size_t i, const Eigen::Vector3d& reference) const {
+    return cells_[i].Moments().Shifted(CellCenter(cells_[i].cell, options_.finest_patch_m) -
+                                       reference);
+  }
+  PointMoments Sum(std::size_t begin, std::size_t end, const Eigen::Vector3d& reference) const {
+    PointMoments moments;
+    for (std::size_t i = begin; i < end; ++i) moments.Add(MomentsAbout(i, reference));
+    return moments;
+  }
+  /// Bounds of the child nodes: child i is [bounds[i], bounds[i + 1]).
+  std::vector<std::size_t> Children(std::size_t begin, std::size_t end, int level) const {
+    std::vector<std::size_t> bounds = {begin};
+    if (level == 0) return {begin, end};
+    for (std::size_t i = begin + 1; i < end; ++i) {
+      if (cells_[i].cell >> (3 * level - 3) != cells_[i - 1].cell >> (3 * level - 3)) {
+        bounds.push_back(i);
+      }
+    }
+    bounds.push_back(end);
+    return bounds;
+  }
+  /// One plane for all is worse than a plane for each child by more than noise explains.
+  bool IsCurved(const Plane& plane, const std::vector<std::size_t>& children, int level) const {
+    const double size_m = options_.finest_patch_m * (1 << (level - 1));
+    double pooled = 0.0;
+    double count = 0.0;
+    for (std::size_t i = 0; i + 1 < children.size(); ++i) {
+      const Eigen::Vector3d center =
+          CellCenter(cells_[children[i]].cell >> (3 * level - 3), size_m);
+      const PointMoments moments = Sum(children[i], children[i + 1], center);
+      if (moments.count < kMinPatchPoints) continue;
+      const double sigma_m = FitPlane(moments).sigma_m[0];
+      pooled += moments.count * sigma_m * sigma_m;
+      count += moments.count;
+    }
+    if (count == 0.0) return false;
+    const double excess = plane.sigma_m[0] * plane.sigma_m[0] - pooled / count;
+    return excess > options_.max_curvature_m * options_.max_curvature_m;
+  }
+  bool MakePatch(std::size_t begin, std::size_t end, const Eigen::Vector3d& center,
+                 const Plane& plane, PlanePatch* patch) const {
+    patch->center_m = center + plane.point;
+    patch->axes = plane.axes;
+    patch->sigma_m = plane.sigma_m[0];
+    std::vector<std::size_t> order(end - begin);
+    for (std::size_t i = begin; i < end; ++i) order[i - begin] = i;
+    std::stable_sort(order.begin(), order.end(), [this](std::size_t a, std::size_t b) {
+      return cells_[a].bin < cells_[b].bin;
+    });
+    for (std::size_t i = 0; i < order.size();) {
+      PointMoments moments;
+      double seconds = 0.0;
+      const std::int32_t bin = cells_[order[i]].bin;
+      for (; i < order.size() && cells_[order[i]].bin == bin; ++i) {
+        moments.Add(MomentsAbout(order[i], patch->center_m));
+        seconds += cells_[order[i]].seconds;
+      }
+      const Eigen::Matrix3d outer = patch->axes.transpose() * moments.outer * patch->axes;
+      const Eigen::Vector3d sum = patch->axes.transpose() * moments.sum;
+      PatchObservation observation;
+      observation.seconds = bin * options_.time_bin_s + seconds / moments.count;
+      observation.information << moments.count, sum[0], sum[1], sum[0], outer(0, 0), outer(0, 1),
+          sum[1], outer(0, 1), outer(1, 1);
+      observation.gradient << sum[2], outer(0, 2), outer(1, 2);
+      patch->observations.push_back(observation);
+    }
+    return static_cast<int>(patch->observations.size()) >= kMinObservations &&
+           patch->observations.back().seconds - patch->observations.front().seconds >=
+               options_.min_patch_span_s;
+  }
+
+  const std::vector<CellSum>& cells_;
+  const RefinementOptions& options_;
+};
+
+double Median(std::vector<double>* values) {
+  if (values->empty()) return 0.0;
+  const auto middle = values->begin() + static_cast<std::ptrdiff_t>(values->size() / 2);
+  std::nth_element(values->begin(), middle, values->end());
+  return *middle;
+}
+
+/// Refits a patch's plane with robust weights of its observations, and sets them.
+void WeighObservations(double floor_sigma_m, double unevenness_m, PlanePatch* patch) {
+  constexpr int kRounds = 4;
+  constexpr double kRobustScale = 2.5;  // of Cauchy's weight, in sigmas
+  const double sigma_m = std::max(patch->sigma_m, floor_sigma_m);
+  Eigen::Vector3d correction = Eigen::Vector3d::Zero();  // of the plane: offset, slopes
+  for (int round = 0; round < kRounds; ++round) {
+    Eigen::Matrix3d information = 1e-9 * Eigen::Matrix3d::Identity();
+    Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
+    for (PatchObservation& o : patch->observations) {
+      const double variance = sigma_m * sigma_m + o.count() * unevenness_m * unevenness_m;
+      const double mean_m = (o.gradient[0] - o.information.row(0).dot(correction)) / o.count();
+      const double ratio = mean_m * mean_m * o.count() / variance / (kRobustScale * kRobustScale);
+      o.weight = 1.0 / (variance * (1.0 + ratio));
+      information += o.weight * o.information;
+      gradient += o.weight * o.gradient;
+    }
+    correction = information.ldlt().solve(gradient);
+  }
+  for (PatchObservation& o : patch->observations) o.gradient -= o.information * correction;
+}
+
+/// How far means of many points of a patch scatter beyond what their number explains.
+double EstimateUnevenness(const std::vector<PlanePatch>& patches) {
+  std::vector<double> squares;
+  std::vector<double> expected;
+  for (const PlanePatch& patch : patches) {
+    for (const PatchObservation& o : patch.observations) {
+      if (o.count() < 15.0) continue;
+      const double mean_m = o.gradient[0] / o.count();
+      squares.push_back(mean_m * mean_m);
+      expected.push_back(patch.sigma_m * patch.sigma_m / o.count());
+    }
+  }
+  constexpr double kMedianOfChiSquare1 = 0.4549;
+  const double variance = Median(&squares) / kMedianOfChiSquare1 - Median(&expected);
+  return std::sqrt(std::max(variance, kMinUnevennessM * kMinUnevennessM));
+}
+
+}  // namespace
+
+double MedianThickness(const std::vector<PlanePatch>& patches) {
+  std::vector<double> sigmas;
+  for (const PlanePatch& patch : patches) sigmas.push_back(patch.sigma_m);
+  return Median(&sigmas);
+}
+
+std::vector<PlanePatch> FindPlanePatches(const std::vector<const LidarScan*>& scans,
+                                         const PoseTable& map_from_lidar, double min_range_m,
+                                         double max_range_m, const RefinementOptions& options) {
+  const std::vector<CellSum> cells =
+      SumAllCells(scans, map_from_lidar, min_range_m, max_range_m, options);
+  const int root_level = options.num_patch_scales - 1;
+  std::vector<std::size_t> roots;
+  for (std::size_t i = 0; i < cells.size(); ++i) {
+    if (i == 0 || cells[i].cell >> (3 * root_level) != cells[i - 1].cell >> (3 * root_level)) {
+      roots.push_back(i);
+    }
+  }
+  roots.push_back(cells.size());
+  const PatchFinder finder(cells, options);
+  std::vector<std::vector<PlanePatch>> of_root(roots.size() - 1);
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, of_root.size(), 64), [&](const auto& range) {
+    for (std::size_t i = range.begin(); i < range.end(); ++i) {
+      finder.Search(roots[i], roots[i + 1], root_level, &of_root[i]);
+    }
+  });
+  std::vector<PlanePatch> patches;
+  for (auto& some : of_root) {
+    for (PlanePatch& patch : some) patches.push_back(std::move(patch));
+  }
+  const double unevenness_m = EstimateUnevenness(patches);
+  const double floor_sigma_m = 0.3 * MedianThickness(patches);
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, patches.size(), 256),
+                    [&](const auto& range) {
+                      for (std::size_t i = range.begin(); i < range.end(); ++i) {
+                        WeighObservations(floor_sigma_m, unevenness_m, &patches[i]);
+                      }
+                    });
+  return patches;
+}
+
+}  // namespace scenecalib
