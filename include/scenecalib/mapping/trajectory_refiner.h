@@ -26,8 +26,8 @@ struct RefinementOptions {
   double min_patch_span_s = 0.25;
   double time_bin_s = 0.02;
   int max_points = 6000000;
-  double max_jerk_m_s3 = 50.0;
-  double max_angular_jerk_rad_s3 = 20.0;
+  double max_jerk_m_s3 = 10.0;
+  double max_angular_jerk_rad_s3 = 4.0;
   int max_solver_iterations = 150;
   double solver_tolerance = 1e-4;
   bool use_accelerometer = true;
