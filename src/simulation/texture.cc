@@ -17,6 +17,9 @@ float Visibility(float spacing_m, float footprint_m) {
   return Clamp01(spacing_m / footprint_m - 1.0F);
 }
 
+/// 1 + x without ever turning negative or flat: 1 / (1 - x) below zero.
+float Brightness(float x) { return x >= 0.0F ? 1.0F + x : 1.0F / (1.0F - x); }
+
 /// What Detail adds up: octaves from the coarsest spacing down, each half the last.
 struct DetailSpec {
   float coarsest_m;
@@ -34,7 +37,9 @@ float Detail(const Eigen::Vector2f& uv, const Eigen::Vector2f& footprint, std::u
     const auto octave = seed + 2U * static_cast<std::uint32_t>(i);
     const float across = Visibility(spacing, footprint.y());
     if (across <= 0.0F) break;
-    const float weight = i == 0 ? 0.5F : 1.0F;  // large blotches tell a tracker little
+    const float weight = i == 0   ? 0.4F
+                         : i == 1 ? 0.7F
+                                  : 1.0F;  // large blotches tell a tracker little
     const float along = Visibility(spacing, footprint.x());
     if (along > 0.0F) {
       // Turned, so that the lattice does not run along the surface's own lines.
@@ -157,10 +162,10 @@ constexpr DetailSpec kFineDetail{0.5F, 7, 0.28F};
 
 Eigen::Vector3f Asphalt(const Surface& surface, const Eigen::Vector2f& uv,
                         const Eigen::Vector2f& footprint) {
-  float brightness = 1.0F + Detail(uv, footprint, surface.seed, kAsphaltDetail);
+  float brightness = Brightness(1.3F * Detail(uv, footprint, surface.seed, kAsphaltDetail));
   brightness *= 1.0F + 0.5F * Blots(uv, footprint, surface.seed + 50U, 1.9F, 0.5F) +
                 0.7F * Blots(uv, footprint, surface.seed + 60U, 0.43F, 0.25F);
-  Eigen::Vector3f albedo = std::max(brightness, 0.15F) * surface.albedo;
+  Eigen::Vector3f albedo = brightness * surface.albedo;
   const float paint = RoadMarking(uv, footprint, surface.seed);
   if (paint > 0.0F) {
     const float wear =
@@ -217,8 +222,8 @@ Eigen::Vector3f EvaluateTexture(const Surface& surface, const Eigen::Vector2f& u
                                 const Eigen::Vector2f& footprint) {
   const std::uint32_t seed = surface.seed;
   const auto with_detail = [&](const DetailSpec& spec, float factor) {
-    const float brightness = factor * (1.0F + Detail(uv, footprint, seed, spec));
-    return Eigen::Vector3f(std::max(brightness, 0.12F) * surface.albedo);
+    const float brightness = factor * Brightness(1.3F * Detail(uv, footprint, seed, spec));
+    return Eigen::Vector3f(brightness * surface.albedo);
   };
   const auto stains = [&](float cell_m) {
     return 1.0F + 0.5F * Blots(uv, footprint, seed + 50U, cell_m, 0.5F);

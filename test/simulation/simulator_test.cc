@@ -4,9 +4,12 @@
 #include <tbb/global_control.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "scenecalib/geometry/so3.h"
 #include "simulation/test_rig.h"
@@ -189,6 +192,30 @@ TEST(Simulator, ShowsAScenePointWhereItsProjectionIsAtAnotherTime) {
   // What is left at the right place is interpolation and the change of scale.
   EXPECT_LT(at_projection / count, 5.0);
   EXPECT_GT(beside, 2.5 * at_projection);
+}
+
+TEST(Simulator, DrawsAThousandCornersThatAreNotNoise) {
+  SimulationOptions options = SmallOptions();
+  options.camera.noise_levels = 0.0;
+  options.camera.color = false;
+  const Simulator simulator = MakeSimulator(SmallRig(960), options);
+  const cv::Mat image = simulator.RenderImage(0, 0);
+  ASSERT_EQ(image.type(), CV_8UC1);
+  std::vector<cv::Point2f> corners;
+  cv::goodFeaturesToTrack(image, corners, 3000, 0.01, 7.0);
+  EXPECT_GE(corners.size(), 1000U);
+  // In every part of the road and of the buildings, not in one loud place.
+  int filled = 0;
+  for (int row = 1; row < 5; ++row) {
+    for (int column = 0; column < 8; ++column) {
+      const cv::Rect2f cell(120.0F * column, 120.0F * row, 120.0F, 120.0F);
+      filled += std::any_of(corners.begin(), corners.end(),
+                            [&cell](const cv::Point2f& p) { return cell.contains(p); })
+                    ? 1
+                    : 0;
+    }
+  }
+  EXPECT_GE(filled, 28);
 }
 
 TEST(Simulator, CarriesPointsOfMovingCarsAlong) {

@@ -32,21 +32,32 @@ inline std::int32_t FloorToInt(float x) {
   return truncated - (x < static_cast<float>(truncated) ? 1 : 0);
 }
 
-/// Smooth value noise in [-1, 1] on a unit lattice, once continuously differentiable.
+/// Smooth value noise in [-1, 1] on a unit lattice, once continuously differentiable. Its hash is
+/// shorter than HashLattice: it is most of the cost of an image, and only its sum is seen.
 inline float ValueNoise(float x, float y, std::uint32_t seed) {
+  constexpr std::uint32_t kStepX = 0x9e3779b1U;
+  constexpr std::uint32_t kStepY = 0x85ebca77U;
   const std::int32_t ix = FloorToInt(x);
   const std::int32_t iy = FloorToInt(y);
   float fx = x - static_cast<float>(ix);
   float fy = y - static_cast<float>(iy);
   fx = fx * fx * (3.0F - 2.0F * fx);
   fy = fy * fy * (3.0F - 2.0F * fy);
-  const float v00 = SignedHash(ix, iy, seed);
-  const float v10 = SignedHash(ix + 1, iy, seed);
-  const float v01 = SignedHash(ix, iy + 1, seed);
-  const float v11 = SignedHash(ix + 1, iy + 1, seed);
+  const std::uint32_t corner = static_cast<std::uint32_t>(ix) * kStepX +
+                               static_cast<std::uint32_t>(iy) * kStepY + seed * 0xc2b2ae3dU;
+  const auto value = [](std::uint32_t h) {
+    h ^= h >> 15;
+    h *= 0x2c1b3c6dU;
+    h ^= h >> 13;
+    return static_cast<float>(static_cast<std::int32_t>(h));
+  };
+  const float v00 = value(corner);
+  const float v10 = value(corner + kStepX);
+  const float v01 = value(corner + kStepY);
+  const float v11 = value(corner + kStepX + kStepY);
   const float low = v00 + fx * (v10 - v00);
   const float high = v01 + fx * (v11 - v01);
-  return low + fy * (high - low);
+  return (low + fy * (high - low)) * 0x1.0p-31F;
 }
 
 }  // namespace scenecalib
