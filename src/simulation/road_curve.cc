@@ -33,7 +33,9 @@ RoadCurve::RoadCurve(const std::string& drive_kind, double start_s_m, double dri
     : start_s_m_(start_s_m),
       end_s_m_(end_s_m),
       bump_seed_(static_cast<std::uint32_t>(random.NextBits())) {
-  double sign = random.Uniform() < 0.5 ? -1.0 : 1.0;
+  // Corners and gentle bends alternate each for themselves: their turns must not add up.
+  double corner_sign = random.Uniform() < 0.5 ? -1.0 : 1.0;
+  double gentle_sign = -corner_sign;
   if (drive_kind != "straight") {
     // Gentle bends and, for "turns", corners; in alternating direction, none overlapping.
     bool corner_next = drive_kind == "turns";
@@ -45,10 +47,11 @@ RoadCurve::RoadCurve(const std::string& drive_kind, double start_s_m, double dri
       const double radius_m = corner_next ? corner_radius_m : random.Uniform(35.0, 60.0);
       bend.half_length_m = 35.0 / 32.0 * bend.angle_rad * radius_m;
       bend.middle_s_m = s + bend.half_length_m;
+      double& sign = corner_next ? corner_sign : gentle_sign;
       bend.angle_rad *= sign;
+      sign = -sign;
       bends_.push_back(bend);
       s = bend.middle_s_m + bend.half_length_m + random.Uniform(4.0, 14.0);
-      sign = -sign;
       if (drive_kind == "turns") corner_next = !corner_next;
     }
   }

@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <cmath>
+#include <cstdint>
 
 #include "scenecalib/geometry/so3.h"
 #include "scenecalib/simulation/inertial.h"
@@ -42,6 +43,20 @@ TEST(RoadCurve, TurnsAtARightAngleNoSharperThanItsCorner) {
   }
   EXPECT_LE(sharpest, 1.0 / 15.0 + 1e-6);
   EXPECT_GE(turned, 0.9);
+}
+
+TEST(RoadCurve, NeverMeetsItselfOnALongDrive) {
+  for (std::uint64_t seed = 1; seed < 9; ++seed) {
+    const RoadCurve road("turns", -60.0, 1500.0, 1560.0, 15.0, Random(seed));
+    for (double s = -60.0; s < 1560.0; s += 5.0) {
+      EXPECT_LT(std::abs(road.Heading(s)), 2.2);
+      // Houses reach 18 m to either side of the road.
+      for (double later = s + 90.0; later < 1560.0; later += 5.0) {
+        const Eigen::Vector3d apart = road.Point(later, 0.0, 0.0) - road.Point(s, 0.0, 0.0);
+        ASSERT_GT(apart.head<2>().norm(), 36.0) << "seed " << seed << " at " << s << ", " << later;
+      }
+    }
+  }
 }
 
 TEST(VehicleMotion, HasTheDerivativesOfItsPoses) {
