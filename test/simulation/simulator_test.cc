@@ -286,6 +286,22 @@ TEST(Simulator, LeavesPixelsBeyondTheImageCircleBlack) {
   EXPECT_FALSE(simulator.TrueScenePoint(0, ExposureOf(simulator, 0, 0), Eigen::Vector2d(0.0, 0.0)));
 }
 
+TEST(Simulator, TakesARigWithoutImuAndOdometry) {
+  Rig rig = SmallRig(64);
+  rig.imu.reset();
+  rig.odometry.reset();
+  const Simulator simulator = MakeSimulator(rig, SmallOptions());
+  for (const ScheduledMeasurement& m : simulator.schedule()) {
+    EXPECT_TRUE(m.kind == MeasurementKind::kScan || m.kind == MeasurementKind::kImage);
+  }
+  // Nothing says where the ground is but the option: straight down it is the lidar's height away.
+  const Timestamp start_ns = simulator.true_map_from_lidar().start_ns();
+  const auto ground =
+      simulator.CastRay(start_ns, simulator.MapFromLidar(start_ns)->translation, {0.0, 0.0, -1.0});
+  ASSERT_TRUE(ground.has_value());
+  EXPECT_NEAR(ground->range_m, SmallOptions().lidar.height_m, 0.15);
+}
+
 TEST(Simulator, RefusesACameraWithoutIntrinsicsByName) {
   Rig rig = SmallRig(64);
   rig.cameras[1].model = nullptr;
