@@ -10,24 +10,22 @@ namespace {
 
 using cv::v_float32x4;
 
-/// Weights of the cubic B-spline for the four pixels around a position with fraction t.
-inline void SplineWeights(float t, float* weights) {
-  const float t2 = t * t;
-  const float t3 = t2 * t;
-  const float s = 1.0F - t;
-  weights[0] = s * s * s * (1.0F / 6.0F);
-  weights[1] = (2.0F / 3.0F) - t2 + 0.5F * t3;
-  weights[3] = t3 * (1.0F / 6.0F);
-  weights[2] = 1.0F - weights[0] - weights[1] - weights[3];
+/// Weights of the cubic B-spline for the four pixels around a position with fraction t: four
+/// polynomials of t at once.
+inline v_float32x4 SplineWeights(float t) {
+  const v_float32x4 v = cv::v_setall_f32(t);
+  v_float32x4 weights(-1.0F / 6.0F, 0.5F, -0.5F, 1.0F / 6.0F);
+  weights = cv::v_muladd(weights, v, v_float32x4(0.5F, -1.0F, 0.5F, 0.0F));
+  weights = cv::v_muladd(weights, v, v_float32x4(-0.5F, 0.0F, 0.5F, 0.0F));
+  return cv::v_muladd(weights, v, v_float32x4(1.0F / 6.0F, 2.0F / 3.0F, 1.0F / 6.0F, 0.0F));
 }
 
 /// Their derivatives by t.
-inline void SplineDerivatives(float t, float* weights) {
-  const float s = 1.0F - t;
-  weights[0] = -0.5F * s * s;
-  weights[1] = t * (1.5F * t - 2.0F);
-  weights[3] = 0.5F * t * t;
-  weights[2] = -weights[0] - weights[1] - weights[3];
+inline v_float32x4 SplineDerivatives(float t) {
+  const v_float32x4 v = cv::v_setall_f32(t);
+  v_float32x4 weights(-0.5F, 1.5F, -1.5F, 0.5F);
+  weights = cv::v_muladd(weights, v, v_float32x4(1.0F, -2.0F, 1.0F, 0.0F));
+  return cv::v_muladd(weights, v, v_float32x4(-0.5F, 0.0F, 0.5F, 0.0F));
 }
 
 inline v_float32x4 LoadRow(const uchar* row) {
@@ -35,13 +33,15 @@ inline v_float32x4 LoadRow(const uchar* row) {
 }
 
 /// Sum over the 4x4 pixels that begin at `corner`, with separable weights.
-inline float Convolve(const uchar* corner, std::size_t step, const float* weights_x,
-                      const float* weights_y) {
-  v_float32x4 sum = LoadRow(corner) * cv::v_setall_f32(weights_y[0]);
-  sum = cv::v_muladd(LoadRow(corner + step), cv::v_setall_f32(weights_y[1]), sum);
-  sum = cv::v_muladd(LoadRow(corner + 2 * step), cv::v_setall_f32(weights_y[2]), sum);
-  sum = cv::v_muladd(LoadRow(corner + 3 * step), cv::v_setall_f32(weights_y[3]), sum);
-  return cv::v_reduce_sum(sum * cv::v_load(weights_x));
+inline float Convolve(const uchar* corner, std::size_t step, const v_float32x4& weights_x,
+                      const v_float32x4& weights_y) {
+  float y[4];
+  cv::v_store(y, weights_y);
+  v_float32x4 sum = LoadRow(corner) * cv::v_setall_f32(y[0]);
+  sum = cv::v_muladd(LoadRow(corner + step), cv::v_setall_f32(y[1]), sum);
+  sum = cv::v_muladd(LoadRow(corner + 2 * step), cv::v_setall_f32(y[2]), sum);
+  sum = cv::v_muladd(LoadRow(corner + 3 * step), cv::v_setall_f32(y[3]), sum);
+  return cv::v_reduce_sum(sum * weights_x);
 }
 
 struct Cell {
@@ -65,11 +65,10 @@ inline bool CanRead(const cv::Mat& image, double x, double y) {
 
 SmoothedPixel ReadSmoothed(const cv::Mat& image, double x_px, double y_px) {
   const Cell cell = Locate(image, static_cast<float>(x_px), static_cast<float>(y_px));
-  float wx[4], wy[4], dx[4], dy[4];
-  SplineWeights(cell.fraction_x, wx);
-  SplineWeights(cell.fraction_y, wy);
-  SplineDerivatives(cell.fraction_x, dx);
-  SplineDerivatives(cell.fraction_y, dy);
+  const v_float32x4 wx = SplineWeights(cell.fraction_x);
+  const v_float32x4 wy = SplineWeights(cell.fraction_y);
+  const v_float32x4 dx = SplineDerivatives(cell.fraction_x);
+  const v_float32x4 dy = SplineDerivatives(cell.fraction_y);
   const std::size_t step = image.step[0];
   return {Convolve(cell.corner, step, wx, wy), Convolve(cell.corner, step, dx, wy),
           Convolve(cell.corner, step, wx, dy)};
@@ -97,13 +96,18 @@ std::optional<PatchTemplate> PatchTemplate::Create(const cv::Mat& image,
   // The offsets of the affine columns are scaled by the radius so that the normal matrix is well
   // conditioned in single precision; Register undoes it.
   const float inverse_radius = 1.0F / static_cast<float>(radius_px);
+  Eigen::VectorXf profile(edge);  // the window is separable
+  for (int x = -radius_px; x <= radius_px; ++x) {
+    const float u = static_cast<float>(x) * inverse_radius;
+    profile[x + radius_px] = std::exp(-1.2F * u * u);
+  }
   int i = 0;
   for (int y = -radius_px; y <= radius_px; ++y) {
     for (int x = -radius_px; x <= radius_px; ++x, ++i) {
       const SmoothedPixel pixel = ReadSmoothed(image, center_px.x() + x, center_px.y() + y);
       const float u = static_cast<float>(x) * inverse_radius;
       const float v = static_cast<float>(y) * inverse_radius;
-      weights[i] = std::exp(-1.2F * (u * u + v * v));
+      weights[i] = profile[x + radius_px] * profile[y + radius_px];
       patch.reference_[i] = pixel.value;
       patch.design_(i, 0) = pixel.gradient_x;
       patch.design_(i, 1) = pixel.gradient_y;
@@ -168,10 +172,8 @@ bool PatchTemplate::Sample(const cv::Mat& image, const PatchWarp& warp,
       const auto fx = static_cast<float>(x);
       const Cell cell = Locate(image, row_x + (slope_x + q(0, 0) * fx) * fx,
                                row_y + (slope_y + q(1, 0) * fx) * fx);
-      float wx[4], wy[4];
-      SplineWeights(cell.fraction_x, wx);
-      SplineWeights(cell.fraction_y, wy);
-      *value++ = Convolve(cell.corner, step, wx, wy);
+      *value++ = Convolve(cell.corner, step, SplineWeights(cell.fraction_x),
+                          SplineWeights(cell.fraction_y));
     }
   }
   return true;
