@@ -1,0 +1,107 @@
+#include "scenecalib/mapping/trajectory_refiner.h"
+
+#include <gtest/gtest.h>
+
+#include "mapping/synthetic_drive.h"
+
+namespace scenecalib {
+namespace {
+
+constexpr double kDurationS = 2.0;
+
+/// The true trajectory with a smooth error that grows to a decimetre.
+PoseSpline Perturbed(const SyntheticDrive& drive) {
+  std::vector<TimedPose> poses = drive.Truth(kDurationS).poses();
+  for (TimedPose& pose : poses) {
+    const double t = SecondsBetween(poses.front().stamp_ns, pose.stamp_ns);
+    const Rigid3 error(ExpSo3({0.004 * t, -0.003 * t, 0.004 * std::sin(2.0 * t)}),
+                       {0.05 * t, -0.03 * std::sin(3.0 * t), 0.02 * t});
+    pose.map_from_lidar = error * pose.map_from_lidar;
+  }
+  return PoseSpline(*Trajectory::Create(std::move(poses)), 0.05);
+}
+
+struct Fixture {
+  SyntheticDrive drive;
+  std::vector<LidarScan> scans = drive.Scans(20, 1);
+  std::vector<const LidarScan*> pointers;
+  MotionPrior prior{Rig{}};
+
+  explicit Fixture(double imu_rate_hz) {
+    for (const LidarScan& scan : scans) pointers.push_back(&scan);
+    if (imu_rate_hz <= 0.0) return;
+    Rig rig;
+    rig.imu = ImuConfig{"/imu", drive.lidar_from_imu};
+    prior = MotionPrior(rig);
+    for (const ImuSample& s : drive.Imu(kDurationS, imu_rate_hz, 2)) prior.AddImu(s);
+  }
+  Result<RefinementResult> Refine(const ProgressCallback& progress = {}) const {
+    return RefineTrajectory(Perturbed(drive), pointers, prior, 1.0, 60.0, {}, progress);
+  }
+  Eigen::Vector2d Error(const PoseSpline& spline, double window_s) const {
+    return RelativeMotionError(*Trajectory::Create(spline.Sample(0.005)), drive.Truth(kDurationS),
+                               window_s);
+  }
+};
+
+TEST(TrajectoryRefiner, RemovesASmoothErrorWithAFastSlowOrNoImu) {
+  for (const double imu_rate_hz : {200.0, 10.0, 0.0}) {
+    const Fixture fixture(imu_rate_hz);
+    ASSERT_GT(fixture.Error(Perturbed(fixture.drive), 1.0)[0], 0.03);
+    const auto result = fixture.Refine();
+    ASSERT_TRUE(result.ok()) << result.status().message();
+    const Eigen::Vector2d error = fixture.Error(result->map_from_lidar, 1.0);
+    EXPECT_LT(error[0], imu_rate_hz > 100.0 ? 2e-3 : 5e-3) << imu_rate_hz << " Hz";
+    EXPECT_LT(error[1], imu_rate_hz > 100.0 ? 2e-4 : 6e-4) << imu_rate_hz << " Hz";
+    EXPECT_LT(result->thickness_after_m, result->thickness_before_m);
+  }
+}
+
+TEST(TrajectoryRefiner, EstimatesBiasesGravityAndNoise) {
+  const Fixture fixture(200.0);
+  const auto result = fixture.Refine();
+  ASSERT_TRUE(result.ok()) << result.status().message();
+  // 400 samples of 0.002 rad/s average to 0.0001; the lidar's own turn over 2 s adds to it.
+  ASSERT_TRUE(result->gyroscope_bias_rad_s.has_value());
+  EXPECT_LT((*result->gyroscope_bias_rad_s - fixture.drive.gyroscope_bias_rad_s).norm(), 5e-4);
+  EXPECT_NEAR(result->gyroscope_sigma_rad_s, 0.002, 0.0004);
+  EXPECT_NEAR(result->accelerometer_sigma_m_s2, 0.03, 0.01);
+  EXPECT_NEAR(result->gravity_in_map_m_s2->norm(), 9.81, 0.1);
+}
+
+TEST(TrajectoryRefiner, StatesARelativeMotionErrorOfTheRightSize) {
+  const Fixture fixture(200.0);
+  const auto result = fixture.Refine();
+  ASSERT_TRUE(result.ok()) << result.status().message();
+  ASSERT_EQ(result->relative_motion.size(), 3U);  // windows of 0.1, 0.5 and 1 s fit
+  for (const RelativeMotionSigma& sigma : result->relative_motion) {
+    const Eigen::Vector2d error = fixture.Error(result->map_from_lidar, sigma.window_s);
+    EXPECT_GT(sigma.translation_m, 0.25 * error[0]) << sigma.window_s;
+    EXPECT_LT(sigma.translation_m, 8.0 * error[0]) << sigma.window_s;
+    EXPECT_GT(sigma.rotation_rad, 0.25 * error[1]) << sigma.window_s;
+    EXPECT_LT(sigma.rotation_rad, 8.0 * error[1]) << sigma.window_s;
+  }
+}
+
+TEST(TrajectoryRefiner, RefusesASceneWithoutPlanes) {
+  Fixture fixture(200.0);
+  Random random(7);
+  for (LidarScan& scan : fixture.scans) {
+    for (LidarPoint& point : scan.points) {
+      point.position_in_lidar_m =
+          Eigen::Vector3d(random.Uniform(-20.0, 20.0), random.Uniform(-20.0, 20.0),
+                          random.Uniform(-5.0, 5.0))
+              .cast<float>();
+    }
+  }
+  EXPECT_EQ(fixture.Refine().status().code(), Status::Code::kInsufficientData);
+}
+
+TEST(TrajectoryRefiner, StopsWhenAskedTo) {
+  const Fixture fixture(200.0);
+  EXPECT_EQ(fixture.Refine([](const Progress&) { return false; }).status().code(),
+            Status::Code::kCancelled);
+}
+
+}  // namespace
+}  // namespace scenecalib
