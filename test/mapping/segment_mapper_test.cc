@@ -1,0 +1,210 @@
+#include "scenecalib/mapping/segment_mapper.h"
+
+#include <gtest/gtest.h>
+#include <tbb/global_control.h>
+
+#include <limits>
+
+#include "mapping/synthetic_drive.h"
+
+namespace scenecalib {
+namespace {
+
+constexpr int kNumScans = 24;
+constexpr double kDurationS = 2.4;
+
+Rig RigWithImu(const SyntheticDrive& drive) {
+  Rig rig;
+  rig.lidar.topic = "/points";
+  rig.imu = ImuConfig{"/imu", drive.lidar_from_imu};
+  return rig;
+}
+
+SegmentMapper Feed(const SyntheticDrive& drive, int num_scans, bool with_imu,
+                   const MappingOptions& options = {}) {
+  Rig rig = RigWithImu(drive);
+  if (!with_imu) rig.imu.reset();
+  SegmentMapper mapper(rig, options);
+  for (const ImuSample& sample : drive.Imu(kDurationS, 200.0, 2)) mapper.AddImu(sample);
+  for (const LidarScan& scan : drive.Scans(num_scans, 1)) {
+    EXPECT_TRUE(mapper.AddScan(scan).ok());
+  }
+  return mapper;
+}
+
+TEST(SegmentMapper, RecoversAKnownDriveWithImu) {
+  const SyntheticDrive drive;
+  const auto result = Feed(drive, kNumScans, true).BuildMap({});
+  ASSERT_TRUE(result.ok()) << result.status().message();
+  EXPECT_TRUE(result->report.used_imu);
+  EXPECT_EQ(result->report.num_scans_used, kNumScans);
+  const Trajectory truth = drive.Truth(kDurationS);
+  // Noise of 8000 points a scan and 1 cm allows a fraction of this.
+  const Eigen::Vector2d error = RelativeMotionError(result->map.map_from_lidar, truth, 1.0);
+  EXPECT_LT(error[0], 2e-3);
+  EXPECT_LT(error[1], 2e-4);
+  EXPECT_EQ(result->map.relative_motion.size(), 3U);  // the drive is shorter than 4 s
+  // The map frame: the first pose's origin, z up.
+  const TimedPose& first = result->map.map_from_lidar.poses().front();
+  EXPECT_LT(first.map_from_lidar.translation.norm(), 1e-9);
+  const Eigen::Quaterniond turn =
+      first.map_from_lidar.rotation * truth.poses().front().map_from_lidar.rotation.conjugate();
+  EXPECT_LT(std::hypot(LogSo3(turn).x(), LogSo3(turn).y()), 0.01);
+}
+
+TEST(SegmentMapper, RecoversAKnownDriveWithoutImu) {
+  const SyntheticDrive drive;
+  const auto result = Feed(drive, kNumScans, false).BuildMap({});
+  ASSERT_TRUE(result.ok()) << result.status().message();
+  EXPECT_FALSE(result->report.used_imu);
+  const Eigen::Vector2d error =
+      RelativeMotionError(result->map.map_from_lidar, drive.Truth(kDurationS), 1.0);
+  EXPECT_LT(error[0], 5e-3);
+  EXPECT_LT(error[1], 6e-4);
+}
+
+TEST(SegmentMapper, CoversEveryPointsTimeDensely) {
+  const SyntheticDrive drive;
+  MappingOptions options;
+  options.refinement.enabled = false;
+  const auto result = Feed(drive, 8, true, options).BuildMap({});
+  ASSERT_TRUE(result.ok()) << result.status().message();
+  const auto& poses = result->map.map_from_lidar.poses();
+  EXPECT_EQ(poses.front().stamp_ns, drive.StampAt(0.0));
+  EXPECT_GE(poses.back().stamp_ns, drive.StampAt(0.799));
+  for (std::size_t i = 1; i < poses.size(); ++i) {
+    ASSERT_LE(SecondsBetween(poses[i - 1].stamp_ns, poses[i].stamp_ns), 0.0101);
+  }
+}
+
+TEST(SegmentMapper, GivesTheSameTrajectoryForAnyNumberOfThreads) {
+  const SyntheticDrive drive;
+  const SegmentMapper mapper = Feed(drive, 8, true);
+  std::vector<std::vector<TimedPose>> results;
+  for (const int threads : {1, 2}) {
+    tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+    const auto result = mapper.BuildMap({});
+    ASSERT_TRUE(result.ok()) << result.status().message();
+    results.push_back(result->map.map_from_lidar.poses());
+  }
+  ASSERT_EQ(results[0].size(), results[1].size());
+  for (std::size_t i = 0; i < results[0].size(); ++i) {
+    ASSERT_EQ(results[0][i].map_from_lidar.translation, results[1][i].map_from_lidar.translation);
+  }
+}
+
+TEST(SegmentMapper, KeepsAGivenTrajectory) {
+  const SyntheticDrive drive;
+  const Trajectory truth = drive.Truth(kDurationS);
+  const SegmentMapper mapper = Feed(drive, 8, true);
+  const auto result = mapper.BuildMapWithTrajectory(truth, {});
+  ASSERT_TRUE(result.ok()) << result.status().message();
+  EXPECT_EQ(result->map.map_from_lidar.poses().size(), truth.poses().size());
+  const auto elsewhere = Trajectory::Create({{1, Rigid3()}, {2, Rigid3()}});
+  EXPECT_EQ(mapper.BuildMapWithTrajectory(*elsewhere, {}).status().code(),
+            Status::Code::kInsufficientData);
+}
+
+TEST(SegmentMapper, RefusesAStandingVehicleByName) {
+  SyntheticDrive drive;
+  drive.speed_m_s = 0.0;
+  drive.lidar_from_imu = Rigid3();
+  const auto result = Feed(drive, 10, false).BuildMap({});
+  ASSERT_FALSE(result.ok());
+  EXPECT_EQ(result.status().code(), Status::Code::kInsufficientData);
+  EXPECT_NE(result.status().message().find("did not move"), std::string::npos);
+}
+
+TEST(SegmentMapper, RefusesOneScanAndNoScan) {
+  const SyntheticDrive drive;
+  EXPECT_EQ(Feed(drive, 1, true).BuildMap({}).status().code(), Status::Code::kInsufficientData);
+  EXPECT_EQ(Feed(drive, 0, true).BuildMap({}).status().code(), Status::Code::kInsufficientData);
+}
+
+TEST(SegmentMapper, SkipsRepeatedReversedAndEmptyScansAndSaysSo) {
+  const SyntheticDrive drive;
+  MappingOptions options;
+  options.refinement.enabled = false;
+  SegmentMapper mapper = Feed(drive, 8, true, options);
+  Random random(3);
+  EXPECT_EQ(mapper.AddScan(drive.Scan(0.7, &random)).status().code(),
+            Status::Code::kInvalidArgument);
+  EXPECT_EQ(mapper.AddScan(drive.Scan(0.2, &random)).status().code(),
+            Status::Code::kInvalidArgument);
+  LidarScan broken = drive.Scan(0.8, &random);
+  for (LidarPoint& point : broken.points) {
+    point.position_in_lidar_m.x() = std::numeric_limits<float>::quiet_NaN();
+  }
+  EXPECT_EQ(mapper.AddScan(broken).status().code(), Status::Code::kInvalidArgument);
+  EXPECT_EQ(mapper.num_scans(), 8);
+  const auto result = mapper.BuildMap({});
+  ASSERT_TRUE(result.ok()) << result.status().message();
+  ASSERT_FALSE(result->report.warnings.empty());
+  EXPECT_NE(result->report.warnings.front().find("3 of 11"), std::string::npos);
+}
+
+TEST(SegmentMapper, ForgetsTheOldestScansAtTheBoundAndCountsThem) {
+  const SyntheticDrive drive;
+  MappingOptions options;
+  options.buffer.max_scans = 10;
+  options.refinement.enabled = false;
+  const auto result = Feed(drive, 14, true, options).BuildMap({});
+  ASSERT_TRUE(result.ok()) << result.status().message();
+  EXPECT_EQ(result->report.num_scans_dropped_at_bound, 4);
+  EXPECT_EQ(result->report.num_scans_used, 10);
+}
+
+TEST(SegmentMapper, DetectsLostTrackingAndUsesTheLongestStretch) {
+  const SyntheticDrive drive;
+  MappingOptions options;
+  options.refinement.enabled = false;
+  SegmentMapper mapper = Feed(drive, 12, true, options);
+  // The world is suddenly another one: scans turned upside down fit nothing.
+  Random random(5);
+  for (int i = 12; i < 15; ++i) {
+    LidarScan scan = drive.Scan(0.1 * i, &random);
+    for (LidarPoint& point : scan.points) {
+      point.position_in_lidar_m =
+          Eigen::Vector3f(point.position_in_lidar_m.z() * 3.0F, point.position_in_lidar_m.x(),
+                          point.position_in_lidar_m.y() * 0.6F);
+    }
+    const auto registration = mapper.AddScan(scan);
+    ASSERT_TRUE(registration.ok()) << registration.status().message();
+    EXPECT_FALSE(registration->converged);
+  }
+  const auto result = mapper.BuildMap({});
+  ASSERT_TRUE(result.ok()) << result.status().message();
+  EXPECT_EQ(result->report.num_scans_used, 12);
+  bool said = false;
+  for (const std::string& warning : result->report.warnings) {
+    said = said || warning.find("tracking was lost") != std::string::npos;
+  }
+  EXPECT_TRUE(said);
+}
+
+TEST(SegmentMapper, StartsAnewWhenTheClockIsSetBack) {
+  const SyntheticDrive drive;
+  SegmentMapper mapper = Feed(drive, 12, true);
+  int num_refused = 0;
+  for (const LidarScan& scan : drive.Scans(12, 1)) num_refused += mapper.AddScan(scan).ok() ? 0 : 1;
+  EXPECT_EQ(num_refused, 9);
+  EXPECT_EQ(mapper.num_scans(), 3);
+}
+
+TEST(SegmentMapper, StopsWhenAskedTo) {
+  const SyntheticDrive drive;
+  const auto result = Feed(drive, 8, true).BuildMap([](const Progress&) { return false; });
+  EXPECT_EQ(result.status().code(), Status::Code::kCancelled);
+}
+
+TEST(SegmentMapper, ClonesWithoutTouchingTheOriginal) {
+  const SyntheticDrive drive;
+  SegmentMapper mapper = Feed(drive, 6, true);
+  const SegmentMapper clone = mapper.Clone();
+  mapper.Reset();
+  EXPECT_EQ(mapper.num_scans(), 0);
+  EXPECT_EQ(clone.num_scans(), 6);
+}
+
+}  // namespace
+}  // namespace scenecalib
