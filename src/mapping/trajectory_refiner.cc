@@ -160,6 +160,16 @@ Result<std::vector<PlanePatch>> Associate(const Problem& problem, const PoseSpli
   return patches;
 }
 
+/// Median thickness at the finest scale only: how far coarse patches are split depends on the
+/// trajectory, which would make two trajectories' thicknesses incomparable.
+double MeasureThickness(const Problem& problem, const PoseSpline& spline) {
+  RefinementOptions options = problem.options;
+  options.num_patch_scales = 1;
+  const Problem finest{problem.scans, problem.min_range_m, problem.max_range_m, options};
+  const auto patches = Associate(finest, spline, true);
+  return patches.ok() ? MedianThickness(*patches) : 0.0;
+}
+
 std::vector<RelativeMotionSigma> EstimateRelativeMotion(const PoseSpline& spline,
                                                         const std::vector<PlanePatch>& patches,
                                                         const InertialTerms& inertial,
@@ -205,7 +215,7 @@ Result<RefinementResult> RefineTrajectory(const PoseSpline& initial,
   InertialTerms inertial(prior, spline, options.use_accelerometer);
   Result<std::vector<PlanePatch>> patches = Associate(problem, spline, false);
   if (!patches.ok()) return patches.status();
-  result.thickness_before_m = MedianThickness(*patches);
+  result.thickness_before_m = MeasureThickness(problem, spline);
   bool is_close = false;
   while (result.num_rounds < options.max_rounds && !result.converged) {
     if (!ReportProgress(progress, "mapping: refinement",
@@ -237,9 +247,7 @@ Result<RefinementResult> RefineTrajectory(const PoseSpline& initial,
     }
   }
   inertial.Report(&result);
-  patches = Associate(problem, spline, false);
-  if (!patches.ok()) return patches.status();
-  result.thickness_after_m = MedianThickness(*patches);
+  result.thickness_after_m = MeasureThickness(problem, spline);
   return result;
 }
 
