@@ -63,6 +63,20 @@ TEST(SegmentMapper, RecoversAKnownDriveWithoutImu) {
   EXPECT_LT(error[1], 6e-4);
 }
 
+TEST(SegmentMapper, TakesScansWhoseMotionTheDriverCompensated) {
+  SyntheticDrive drive;
+  drive.motion_compensated = true;
+  for (const bool with_imu : {true, false}) {
+    const auto result = Feed(drive, kNumScans, with_imu).BuildMap({});
+    ASSERT_TRUE(result.ok()) << result.status().message();
+    EXPECT_EQ(result->map.map_from_lidar.start_ns(), drive.StampAt(0.0));
+    const Eigen::Vector2d error =
+        RelativeMotionError(result->map.map_from_lidar, drive.Truth(kDurationS), 1.0);
+    EXPECT_LT(error[0], 5e-3);
+    EXPECT_LT(error[1], 6e-4);
+  }
+}
+
 TEST(SegmentMapper, CoversEveryPointsTimeDensely) {
   const SyntheticDrive drive;
   MappingOptions options;

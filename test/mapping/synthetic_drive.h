@@ -23,6 +23,7 @@ struct SyntheticDrive {
   double lidar_height_m = 2.0;
   int num_rings = 24;
   int num_columns = 360;
+  bool motion_compensated = false;  ///< every point at the stamp
   Rigid3 lidar_from_imu{ExpSo3({0.02, -0.01, 0.1}), {-0.5, 0.1, -1.0}};
   Eigen::Vector3d gyroscope_bias_rad_s{0.004, -0.006, 0.008};
   Eigen::Vector3d accelerometer_bias_m_s2{0.03, -0.02, 0.04};
@@ -74,7 +75,8 @@ struct SyntheticDrive {
     scan.stamp_ns = StampAt(t);
     for (int column = 0; column < num_columns; ++column) {
       const double share = column / static_cast<double>(num_columns);
-      const Rigid3 world_from_lidar = WorldFromLidar(t + kPeriodS * share);
+      const double offset_s = motion_compensated ? 0.0 : kPeriodS * share;
+      const Rigid3 world_from_lidar = WorldFromLidar(t + offset_s);
       for (int ring = 0; ring < num_rings; ++ring) {
         const double azimuth = 3.14159 - 6.283185 * share;
         const double elevation = -0.4 + 0.65 * ring / num_rings;
@@ -85,7 +87,7 @@ struct SyntheticDrive {
         if (!(range_m < 60.0)) continue;
         LidarPoint point;
         point.position_in_lidar_m = (range_m * ray).cast<float>();
-        point.time_offset_s = static_cast<float>(kPeriodS * share);
+        point.time_offset_s = static_cast<float>(offset_s);
         point.ring = static_cast<std::uint16_t>(ring);
         scan.points.push_back(point);
       }
