@@ -3,16 +3,20 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <opencv2/imgcodecs.hpp>
 #include <system_error>
 #include <vector>
 
 #include "scenecalib/io/rig_yaml.h"
 #include "scenecalib/io/trajectory_tum.h"
+#include "scenecalib/pipeline/overlays.h"
 
 namespace scenecalib {
 namespace {
 
 namespace fs = std::filesystem;
+
+constexpr int kImagesPerOverlay = 4;
 
 template <typename... Args>
 std::string Format(const char* format, Args... args) {
@@ -28,11 +32,31 @@ Status WriteText(const fs::path& path, const std::string& text) {
   return file ? Status::Ok() : Status::Unavailable("cannot write " + path.string());
 }
 
+Status WriteOverlays(const fs::path& directory, const PipelineResult& result) {
+  const Result<std::vector<CameraOverlays>> overlays =
+      DrawOverlays(result.initial_rig, result.calibration.result.rig, result.mapping.map,
+                   result.segments, kImagesPerOverlay);
+  if (!overlays.ok()) return overlays.status();
+  std::error_code error;
+  fs::create_directories(directory, error);
+  for (const CameraOverlays& camera : *overlays) {
+    for (const bool is_after : {false, true}) {
+      const fs::path path = directory / (camera.camera + (is_after ? "_after.png" : "_before.png"));
+      if (!cv::imwrite(path.string(), is_after ? camera.after : camera.before,
+                       {cv::IMWRITE_PNG_COMPRESSION, 1})) {
+        return Status::Unavailable("cannot write " + path.string());
+      }
+    }
+  }
+  return Status::Ok();
+}
+
 Status WriteAll(const fs::path& directory, const PipelineResult& result,
                 const std::string& report) {
   SCENECALIB_RETURN_IF_ERROR(WriteTrajectoryTum((directory / "trajectory.tum").string(),
                                                 result.mapping.map.map_from_lidar));
   SCENECALIB_RETURN_IF_ERROR(WriteText(directory / "report.txt", report));
+  SCENECALIB_RETURN_IF_ERROR(WriteOverlays(directory / "overlays", result));
   return WriteCalibration((directory / "calibration.yaml").string(), result.calibration.result);
 }
 

@@ -1,0 +1,34 @@
+#pragma once
+
+#include <opencv2/core.hpp>
+#include <string>
+#include <vector>
+
+#include "scenecalib/base/status.h"
+#include "scenecalib/mapping/scene_map.h"
+#include "scenecalib/sensor/rig.h"
+#include "scenecalib/tracking/camera_tracker.h"
+
+namespace scenecalib {
+
+/// A camera's overlays, several images of the drive one below the other (BGR).
+struct CameraOverlays {
+  std::string camera;
+  cv::Mat before;
+  cv::Mat after;
+};
+
+/// Overlays of `max_images` images per camera, spread over the drive, with the initial and with the
+/// calibrated rig. `segments` is parallel to the rigs' cameras. A camera without an image in the
+/// map's time is left out.
+Result<std::vector<CameraOverlays>> DrawOverlays(const Rig& initial, const Rig& calibrated,
+                                                 const SceneMap& map,
+                                                 const std::vector<CameraSegment>& segments,
+                                                 int max_images);
+
+/// The grey value that the cameras give each map point, 0 to 255, or -1 where none saw it; of
+/// several sightings the nearest counts. At most `max_images` images per camera are used.
+std::vector<int> ColourMap(const Rig& calibrated, const SceneMap& map,
+                           const std::vector<CameraSegment>& segments, int max_images);
+
+}  // namespace scenecalib

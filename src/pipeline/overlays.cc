@@ -1,0 +1,99 @@
+#include "scenecalib/pipeline/overlays.h"
+
+#include <tbb/parallel_for.h>
+
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <optional>
+
+#include "scenecalib/evaluation/overlay.h"
+
+namespace scenecalib {
+namespace {
+
+/// An image and where the lidar was when it was taken.
+struct PlacedImage {
+  cv::Mat pixels;
+  Rigid3 map_from_lidar;
+};
+
+/// Up to max_images images inside the map's time, spread evenly; the ends are left out.
+std::vector<PlacedImage> PickImages(const CameraConfig& camera, const SceneMap& map,
+                                    const CameraSegment& segment, int max_images) {
+  std::vector<PlacedImage> placed;
+  for (const auto& [stamp_ns, pixels] : segment.images) {
+    const std::optional<Rigid3> map_from_lidar =
+        map.map_from_lidar.Interpolate(AddSeconds(stamp_ns, camera.time_offset_s));
+    if (map_from_lidar && !pixels.empty()) placed.push_back({pixels, *map_from_lidar});
+  }
+  const std::size_t wanted = static_cast<std::size_t>(max_images);
+  if (placed.size() <= wanted) return placed;
+  std::vector<PlacedImage> picked;
+  for (std::size_t i = 0; i < wanted; ++i) {
+    picked.push_back(placed[(2 * i + 1) * placed.size() / (2 * wanted)]);
+  }
+  return picked;
+}
+
+}  // namespace
+
+Result<std::vector<CameraOverlays>> DrawOverlays(const Rig& initial, const Rig& calibrated,
+                                                 const SceneMap& map,
+                                                 const std::vector<CameraSegment>& segments,
+                                                 int max_images) {
+  const OverlayOptions options;
+  std::vector<CameraOverlays> overlays;
+  for (std::size_t i = 0; i < segments.size(); ++i) {
+    const CameraConfig& camera = initial.cameras[i];
+    const std::vector<PlacedImage> images = PickImages(camera, map, segments[i], max_images);
+    if (images.empty()) continue;
+    std::vector<Result<cv::Mat>> drawings(2 * images.size(),
+                                          Result<cv::Mat>(Status::Cancelled("not drawn")));
+    tbb::parallel_for(std::size_t{0}, drawings.size(), [&](std::size_t k) {
+      const PlacedImage& image = images[k / 2];
+      const bool is_after = k % 2 == 1;
+      drawings[k] = DrawOverlay(image.pixels, is_after ? calibrated.cameras[i] : camera, map.points,
+                                image.map_from_lidar,
+                                camera.name + (is_after ? " after" : " before"), options);
+    });
+    std::vector<cv::Mat> before;
+    std::vector<cv::Mat> after;
+    for (std::size_t k = 0; k < drawings.size(); ++k) {
+      if (!drawings[k].ok()) return drawings[k].status();
+      (k % 2 == 1 ? after : before).push_back(*drawings[k]);
+    }
+    CameraOverlays of_camera;
+    of_camera.camera = camera.name;
+    cv::vconcat(before, of_camera.before);
+    cv::vconcat(after, of_camera.after);
+    overlays.push_back(of_camera);
+  }
+  return overlays;
+}
+
+std::vector<int> ColourMap(const Rig& calibrated, const SceneMap& map,
+                           const std::vector<CameraSegment>& segments, int max_images) {
+  std::vector<int> gray(map.points.size(), -1);
+  std::vector<double> range_m(map.points.size(), std::numeric_limits<double>::infinity());
+  const OverlayOptions options;
+  for (std::size_t i = 0; i < segments.size(); ++i) {
+    const CameraConfig& camera = calibrated.cameras[i];
+    if (!camera.model) continue;
+    for (const PlacedImage& image : PickImages(camera, map, segments[i], max_images)) {
+      const Rigid3 camera_from_map = (image.map_from_lidar * camera.lidar_from_camera).Inverse();
+      for (const VisiblePoint& seen :
+           FindVisiblePoints(*camera.model, map.points, camera_from_map, options)) {
+        if (seen.range_m >= range_m[seen.index]) continue;
+        const cv::Point pixel(static_cast<int>(std::lround(seen.pixel.x())),
+                              static_cast<int>(std::lround(seen.pixel.y())));
+        if (!cv::Rect(cv::Point(), image.pixels.size()).contains(pixel)) continue;
+        range_m[seen.index] = seen.range_m;
+        gray[seen.index] = image.pixels.at<std::uint8_t>(pixel);
+      }
+    }
+  }
+  return gray;
+}
+
+}  // namespace scenecalib
