@@ -6,14 +6,14 @@ find_package(BZip2 REQUIRED)
 find_package(CLI11 REQUIRED)
 find_package(Threads REQUIRED)
 
-add_message_files(FILES Calibration.msg CalibrationStatus.msg CameraCalibration.msg SceneMap.msg
-  SegmentState.msg Surfel.msg Track.msg)
+add_message_files(FILES Calibration.msg CalibrationStatus.msg CameraResult.msg MapSnapshot.msg
+  PixelTrack.msg SegmentState.msg SurfelDisc.msg)
 add_service_files(FILES BuildMap.srv GetCalibration.srv GetSegment.srv Recalibrate.srv Save.srv)
 generate_messages(DEPENDENCIES geometry_msgs sensor_msgs std_msgs)
 
 catkin_package(
   INCLUDE_DIRS include
-  LIBRARIES ${SCENECALIB_LIBRARIES} scenecalib_ros
+  LIBRARIES ${SCENECALIB_LIBRARIES} scenecalib_ros scenecalib_nodelets
   CATKIN_DEPENDS ${SCENECALIB_ROS_PACKAGES} message_runtime)
 
 file(GLOB sources CONFIGURE_DEPENDS src/ros/*.cc)
@@ -42,8 +42,13 @@ foreach(main IN LISTS mains)
   list(APPEND SCENECALIB_EXECUTABLES scenecalib_${name})
 endforeach()
 
+# The same nodes for a nodelet manager (nodelet_plugins.xml).
+add_library(scenecalib_nodelets src/nodes/nodelets.cc)
+target_compile_options(scenecalib_nodelets PRIVATE -Wall -Wextra -Wpedantic)
+target_link_libraries(scenecalib_nodelets PUBLIC scenecalib_ros)
+
 install(TARGETS ${SCENECALIB_EXECUTABLES} RUNTIME DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
-install(TARGETS ${SCENECALIB_LIBRARIES} scenecalib_ros
+install(TARGETS ${SCENECALIB_LIBRARIES} scenecalib_ros scenecalib_nodelets
   ARCHIVE DESTINATION ${CATKIN_PACKAGE_LIB_DESTINATION}
   LIBRARY DESTINATION ${CATKIN_PACKAGE_LIB_DESTINATION}
   RUNTIME DESTINATION ${CATKIN_GLOBAL_BIN_DESTINATION})

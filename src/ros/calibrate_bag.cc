@@ -5,11 +5,15 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <exception>
+#include <filesystem>
 #include <optional>
 #include <string>
+#include <system_error>
+#include <utility>
 #include <vector>
 
 #include "scenecalib/base/options.h"
+#include "scenecalib/evaluation/result_table.h"
 #include "scenecalib/io/options_yaml.h"
 #include "scenecalib/io/rig_yaml.h"
 #include "scenecalib/io/trajectory_tum.h"
@@ -18,6 +22,7 @@
 #include "scenecalib/ros/bag_recording.h"
 #include "scenecalib/ros/log_sink.h"
 #include "scenecalib/ros/recording_reader.h"
+#include "scenecalib/ros/result_display.h"
 #include "scenecalib/ros/terminal_progress.h"
 
 namespace scenecalib {
@@ -34,10 +39,12 @@ struct Arguments {
   std::string config;
   std::string truth;
   std::string trajectory;
+  std::string working_directory;
   std::optional<int> threads;
   std::optional<int> seed;
   bool hold_intrinsics = false;
   bool estimate_time_offset = false;
+  bool show = false;
 };
 
 void Declare(CLI::App* app, Arguments* arguments) {
@@ -47,6 +54,10 @@ void Declare(CLI::App* app, Arguments* arguments) {
   app->add_option("--rig", arguments->rig, "rig file")->required();
   app->add_option("--output", arguments->output, "directory for the results")->required();
   app->add_option("--config", arguments->config, "YAML file with options that differ from default");
+  app->add_option("--working-directory", arguments->working_directory,
+                  "relative paths are taken from here (roslaunch starts programs elsewhere)");
+  app->add_flag("--show", arguments->show,
+                "needs a ROS master: publish the result for RViz and stay up until interrupted");
   app->add_flag("--hold-intrinsics", arguments->hold_intrinsics,
                 "keep focal scale and principal point at their initial values");
   app->add_flag("--estimate-time-offset", arguments->estimate_time_offset,
@@ -129,6 +140,11 @@ int Fail(const Status& status) {
 }
 
 int Run(const Arguments& arguments) {
+  if (!arguments.working_directory.empty()) {
+    std::error_code error;
+    std::filesystem::current_path(arguments.working_directory, error);
+    if (error) return Fail(Status::NotFound(arguments.working_directory + ": " + error.message()));
+  }
   Result<Inputs> inputs = ReadInputs(arguments);
   if (!inputs.ok()) return Fail(inputs.status());
   for (const OptionDescription& option : DescribeOptions(inputs->options)) {
@@ -138,12 +154,20 @@ int Run(const Arguments& arguments) {
   const Result<PipelineResult> result =
       Calibrate(&*inputs, [&terminal](const Progress& progress) { return terminal(progress); });
   if (!result.ok()) return Fail(result.status());
-  const std::string report = FormatReport(*result);
-  std::printf("\n%s", report.c_str());
+  const CalibrationResult& calibrated = result->calibration.result;
+  std::string report = FormatReport(*result) + "\n" + FormatResultTable(inputs->rig, calibrated);
+  if (inputs->truth) {
+    report += "\n" + FormatTruthTable(*inputs->truth, inputs->rig, calibrated.rig);
+  }
+  const StageTimer timer("output");
   const Status written = WriteArtifacts(arguments.output, *result, report);
   if (!written.ok()) return Fail(written);
+  std::printf("\n%s", report.c_str());
+  std::printf("output %.1f s, ", timer.Stop().wall_s);
   std::printf("written to %s\n", arguments.output.c_str());
-  return result->calibration.result.accepted ? kExitAccepted : kExitPartly;
+  const int exit_status = calibrated.accepted ? kExitAccepted : kExitPartly;
+  if (arguments.show) ShowResult(*result);
+  return exit_status;
 }
 
 }  // namespace
