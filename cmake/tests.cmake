@@ -26,3 +26,14 @@ foreach(folder base geometry sensor mapping tracking segment association calibra
     SCENECALIB_SOURCE_DIR="${CMAKE_CURRENT_SOURCE_DIR}")
   target_compile_options(${test} PRIVATE -Wall -Wextra -Wpedantic)
 endforeach()
+
+# Tests of the programs and nodes; they share one small simulated recording.
+if(NOT SCENECALIB_CORE_ONLY)
+  find_package(rostest REQUIRED)
+  foreach(test offline replay)
+    add_rostest(test/rostest/${test}.test
+      ARGS binaries:=${CATKIN_DEVEL_PREFIX}/${CATKIN_PACKAGE_BIN_DESTINATION}
+           data:=${CMAKE_CURRENT_BINARY_DIR}/rostest_data
+      DEPENDENCIES ${SCENECALIB_EXECUTABLES})
+  endforeach()
+endif()

@@ -1,0 +1,164 @@
+#!/usr/bin/python3
+"""calibrate_bag on a small recording, and every way in which it must refuse."""
+import filecmp
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import rosbag
+import rospy
+import rostest
+import yaml
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import recording  # noqa: E402
+
+
+class CalibrateBag(unittest.TestCase):
+    """Runs the program as a user does, without a master."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.binaries = rospy.get_param('~binaries')
+        cls.recording = recording.make(cls.binaries, rospy.get_param('~data'))
+        cls.bag = os.path.join(cls.recording, 'recording.bag')
+        cls.rig = os.path.join(cls.recording, 'rig_initial.yaml')
+        cls.truth = os.path.join(cls.recording, 'truth.yaml')
+
+    def setUp(self):
+        self.directory = tempfile.mkdtemp(prefix='scenecalib_offline_')
+        self.output = os.path.join(self.directory, 'result')
+
+    def tearDown(self):
+        shutil.rmtree(self.directory)
+
+    def run_program(self, *arguments, bag=None, rig=None, output=None):
+        environment = dict(os.environ, ROS_MASTER_URI='http://localhost:1')  # nobody there
+        return subprocess.run(
+            [os.path.join(self.binaries, 'calibrate_bag'), '--bag', bag or self.bag, '--rig',
+             rig or self.rig, '--output', output or self.output, *arguments],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, universal_newlines=True,
+            env=environment, timeout=600, check=False)
+
+    def expect_refusal(self, words, **arguments):
+        """Exit status 1, one line that has all the words, and the earlier output as it was."""
+        os.makedirs(self.output)
+        earlier = os.path.join(self.output, 'calibration.yaml')
+        with open(earlier, 'w', encoding='utf-8') as stream:
+            stream.write('earlier')
+        run = self.run_program(**arguments)
+        self.assertEqual(run.returncode, 1, run.stdout + run.stderr)
+        lines = [line for line in run.stderr.splitlines() if line.startswith('calibrate_bag:')]
+        self.assertEqual(len(lines), 1, run.stderr)
+        for word in words:
+            self.assertIn(word, lines[0])
+        with open(earlier, encoding='utf-8') as stream:
+            self.assertEqual(stream.read(), 'earlier')
+        self.assertEqual(os.listdir(self.output), ['calibration.yaml'])
+
+    def changed_rig(self, change):
+        with open(self.rig, encoding='utf-8') as stream:
+            rig = yaml.safe_load(stream)
+        change(rig)
+        path = os.path.join(self.directory, 'rig.yaml')
+        with open(path, 'w', encoding='utf-8') as stream:
+            yaml.safe_dump(rig, stream, sort_keys=False)
+        return path
+
+    def test_calibrates_within_bounds_and_is_deterministic(self):
+        first = self.run_program('--truth', self.truth)
+        self.assertEqual(first.returncode, 0, first.stdout + first.stderr)
+        result = os.path.join(self.output, 'calibration.yaml')
+        truth = recording.lidar_from_camera(self.truth)
+        estimate = recording.lidar_from_camera(result)
+        self.assertEqual(list(estimate), list(truth))
+        for camera in truth:
+            rotation_deg, distance_m = recording.errors(estimate[camera], truth[camera])
+            self.assertLess(rotation_deg, recording.MAX_ROTATION_DEG, camera)
+            self.assertLess(distance_m, recording.MAX_TRANSLATION_M, camera)
+            for when in ('before', 'after'):
+                self.assertTrue(os.path.exists(
+                    os.path.join(self.output, 'overlays', f'{camera}_{when}.png')))
+        self.assertTrue(os.path.exists(os.path.join(self.output, 'trajectory.tum')))
+
+        again = os.path.join(self.directory, 'again')
+        second = self.run_program('--threads', '1', output=again)
+        self.assertEqual(second.returncode, 0, second.stdout + second.stderr)
+        self.assertTrue(filecmp.cmp(result, os.path.join(again, 'calibration.yaml'), shallow=False),
+                        'one thread and all threads give different calibrations')
+
+    def test_reads_what_is_left_of_a_truncated_bag_and_says_so(self):
+        bag = os.path.join(self.directory, 'cut.bag')
+        shutil.copy(self.bag, bag)
+        os.truncate(bag, int(0.85 * os.path.getsize(bag)))
+        run = self.run_program(bag=bag)
+        self.assertIn(run.returncode, (0, 2), run.stdout + run.stderr)
+        self.assertIn('cut off', run.stdout)
+
+    def test_refuses_a_missing_topic(self):
+        rig = self.changed_rig(lambda r: r['lidar'].update(topic='/no/such/points'))
+        self.expect_refusal(['/no/such/points', 'lidar.topic', '/lidar/points'], rig=rig)
+
+    def test_refuses_a_topic_of_the_wrong_type(self):
+        rig = self.changed_rig(lambda r: r['lidar'].update(topic='/imu/data'))
+        self.expect_refusal(['/imu/data', 'sensor_msgs/Imu', 'sensor_msgs/PointCloud2'], rig=rig)
+
+    def test_refuses_an_unknown_rig_key(self):
+        rig = self.changed_rig(lambda r: r['lidar'].update(colour='red'))
+        self.expect_refusal(['rig.yaml', 'colour'], rig=rig)
+
+    def test_refuses_an_empty_bag(self):
+        bag = os.path.join(self.directory, 'empty.bag')
+        rosbag.Bag(bag, 'w').close()
+        self.expect_refusal(['empty.bag'], bag=bag)
+
+    def test_refuses_a_bag_cut_down_to_nothing(self):
+        bag = os.path.join(self.directory, 'cut.bag')
+        shutil.copy(self.bag, bag)
+        os.truncate(bag, 5000)
+        self.expect_refusal(['cut.bag'], bag=bag)
+
+    def test_refuses_a_file_that_does_not_exist(self):
+        self.expect_refusal(['/nowhere.bag'], bag='/nowhere.bag')
+        shutil.rmtree(self.output)
+        self.expect_refusal(['/nowhere.yaml'], rig='/nowhere.yaml')
+
+    def test_refuses_a_vehicle_that_stands_still(self):
+        """One scan again and again, with stamps that go on."""
+        path = os.path.join(self.directory, 'still.bag')
+        scan, image = None, {}
+        with rosbag.Bag(self.bag) as source, rosbag.Bag(path, 'w') as target:
+            for topic, message, stamp in source.read_messages():
+                if topic == '/lidar/points':
+                    scan = scan or message
+                    scan.header.stamp = message.header.stamp
+                    target.write(topic, scan, stamp)
+                elif topic.endswith('compressed'):
+                    first = image.setdefault(topic, message)
+                    first.header.stamp = message.header.stamp
+                    target.write(topic, first, stamp)
+
+        def without_motion_sensors(rig):
+            rig.pop('imu', None)
+            rig.pop('odometry', None)
+        self.expect_refusal(['motion'], bag=path, rig=self.changed_rig(without_motion_sensors))
+
+    def test_refuses_lidar_stamps_that_jump(self):
+        path = os.path.join(self.directory, 'jump.bag')
+        count = 0
+        with rosbag.Bag(self.bag) as source, rosbag.Bag(path, 'w') as target:
+            for topic, message, stamp in source.read_messages():
+                if topic == '/lidar/points':
+                    count += 1
+                    if count > 20:
+                        message.header.stamp += rospy.Duration(60)
+                target.write(topic, message, stamp)
+        self.expect_refusal(['/lidar/points', 'jump by 60'], bag=path)
+
+
+if __name__ == '__main__':
+    rospy.init_node('offline_test')
+    rostest.rosrun('scenecalib', 'offline', CalibrateBag)
