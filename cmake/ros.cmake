@@ -1,4 +1,8 @@
 # The ROS layer: messages, conversions, bag reading, nodes.
+# The core libraries must not see ROS, so its include paths belong to scenecalib_ros and not to the
+# directory; scripts/ is for a clone, not for an installation.
+#catkin_lint: ignore external_directory external_interface_path unused_include_path
+#catkin_lint: ignore uninstalled_script
 set(SCENECALIB_ROS_PACKAGES cv_bridge diagnostic_msgs diagnostic_updater geometry_msgs nav_msgs nodelet
   rosbag_storage roscpp roslz4 sensor_msgs std_msgs std_srvs tf2_msgs tf2_ros visualization_msgs)
 find_package(catkin REQUIRED COMPONENTS ${SCENECALIB_ROS_PACKAGES} message_generation)

@@ -103,7 +103,10 @@ class CalibrateBag(unittest.TestCase):
         self.expect_refusal(['/no/such/points', 'lidar.topic', '/lidar/points'], rig=rig)
 
     def test_refuses_a_topic_of_the_wrong_type(self):
-        rig = self.changed_rig(lambda r: r['lidar'].update(topic='/imu/data'))
+        def swap(rig):
+            rig.pop('imu')
+            rig['lidar']['topic'] = '/imu/data'
+        rig = self.changed_rig(swap)
         self.expect_refusal(['/imu/data', 'sensor_msgs/Imu', 'sensor_msgs/PointCloud2'], rig=rig)
 
     def test_refuses_an_unknown_rig_key(self):
@@ -136,7 +139,7 @@ class CalibrateBag(unittest.TestCase):
                     scan = scan or message
                     scan.header.stamp = message.header.stamp
                     target.write(topic, scan, stamp)
-                elif topic.endswith('compressed'):
+                elif 'image' in topic:
                     first = image.setdefault(topic, message)
                     first.header.stamp = message.header.stamp
                     target.write(topic, first, stamp)
@@ -144,7 +147,7 @@ class CalibrateBag(unittest.TestCase):
         def without_motion_sensors(rig):
             rig.pop('imu', None)
             rig.pop('odometry', None)
-        self.expect_refusal(['motion'], bag=path, rig=self.changed_rig(without_motion_sensors))
+        self.expect_refusal(['did not move'], bag=path, rig=self.changed_rig(without_motion_sensors))
 
     def test_refuses_lidar_stamps_that_jump(self):
         path = os.path.join(self.directory, 'jump.bag')
