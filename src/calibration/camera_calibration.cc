@@ -33,11 +33,11 @@ void EstimateSigma(CalibrationProblem* problem) {
                RobustResidualSigma(*problem->cameras, *problem->correction, problem->terms));
 }
 
-/// Rotation first, then translation, then the intrinsics: the order that recovers from far away.
-FreeParameters FreeInRound(const CalibrationOptions& options, int round) {
+/// Rotation first, then translation: the order that recovers from far away. The intrinsics wait for
+/// the joint solve: with the trajectory held fixed, the principal point would take up its errors.
+FreeParameters FreeInRound(int round) {
   FreeParameters free;
   free.translation = round > 0;
-  free.intrinsics = !options.hold_intrinsics && 2 * round >= options.coarse_to_fine.num_rounds;
   return free;
 }
 
@@ -150,7 +150,7 @@ Result<CameraCalibration> CalibrateCamera(const CameraConfig& camera,
     problem.priors = {InitialPrior(camera, options.prior)};
     problem.time_offset_s = {camera.time_offset_s};
     problem.correction = &no_correction;
-    problem.free = FreeInRound(options, round);
+    problem.free = FreeInRound(round);
     problem.terms = AssociateAndBuildTerms(context, cameras, tracks, caster, evidence.gates,
                                            options, &evidence.num_tracks_by_outcome);
     if (evidence.num_tracks_by_outcome[0] < kMinTracksOfRound) {

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "scenecalib/geometry/so3.h"
+#include "scenecalib/tracking/map_guided_registration.h"
 
 namespace scenecalib {
 namespace {
@@ -79,6 +80,40 @@ void FoldDeltas(JointCalibration* joint) {
   }
 }
 
+/// Registers the inlier tracks of one camera again, now that their planes, the trajectory and a
+/// calibration are known. Tracks without a plane stay as they are.
+Status RegisterAgain(const JointCamera& camera, int index, const std::vector<TransferTerm>& terms,
+                     const Trajectory& trajectory, const CalibrationOptions& options,
+                     JointCalibration* joint) {
+  const CameraParameters& parameters = joint->cameras[index];
+  const auto model = camera.config->model->WithTunable(parameters.Intrinsics());
+  if (!model.ok()) return model.status();
+  std::map<Timestamp, Rigid3> map_from_camera;
+  const Rigid3 lidar_from_camera = parameters.LidarFromCamera();
+  for (const auto& image : camera.segment->images) {
+    const Timestamp stamp_ns = AddSeconds(image.first, joint->time_offset_s[index]);
+    const auto pose = trajectory.Interpolate(stamp_ns);
+    if (!pose) continue;
+    map_from_camera[image.first] = joint->correction.Apply(*pose, stamp_ns) * lidar_from_camera;
+  }
+  std::vector<Track>& tracks = joint->tracks[index];
+  std::vector<int> indices;
+  std::vector<Track> tied;
+  std::vector<TrackPlane> planes;
+  for (const TransferTerm& term : terms) {
+    if (term.target_camera != index || (!indices.empty() && indices.back() == term.track)) continue;
+    indices.push_back(term.track);
+    tied.push_back(tracks[term.track]);
+    planes.push_back({term.plane_point_in_map_m, term.plane_normal_in_map});
+  }
+  MapGuidedTracks registered = RegisterThroughMap(tied, planes, **model, map_from_camera,
+                                                  camera.segment->images, options.map_guided);
+  for (std::size_t i = 0; i < indices.size(); ++i) {
+    tracks[indices[i]] = std::move(registered.tracks[i]);
+  }
+  return Status::Ok();
+}
+
 }  // namespace
 
 Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& cameras,
@@ -112,6 +147,12 @@ Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& camera
       joint.stddev = *stddev;
     }
     FoldDeltas(&joint);
+    if (options.joint.register_through_map && round + 1 < options.joint.num_rounds) {
+      for (std::size_t c = 0; c < cameras.size(); ++c) {
+        SCENECALIB_RETURN_IF_ERROR(RegisterAgain(cameras[c], static_cast<int>(c), problem.terms,
+                                                 map_from_lidar, options, &joint));
+      }
+    }
     if (after_round && !after_round()) return Status::Cancelled("calibration cancelled");
   }
   joint.terms = std::move(problem.terms);

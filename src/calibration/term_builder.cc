@@ -99,6 +99,7 @@ std::vector<TransferTerm> BuildTerms(const CameraContext& context, const std::ve
   for (std::size_t i = 0; i < tracks.size(); ++i) {
     if (!associations[i].accepted()) continue;
     const Track& track = tracks[i];
+    if (track.observations.size() < 2) continue;
     const TrackObservation& reference = track.observations[track.reference];
     const auto source = view_at(reference);
     if (!source) continue;

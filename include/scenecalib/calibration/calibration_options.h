@@ -4,11 +4,12 @@
 #include "scenecalib/base/options.h"
 #include "scenecalib/calibration/term_builder.h"
 #include "scenecalib/calibration/track_ransac.h"
+#include "scenecalib/tracking/map_guided_registration.h"
 
 namespace scenecalib {
 
-/// The schedule of the per-camera loop (III-D): association gates shrink geometrically, the pose is
-/// freed before the intrinsics.
+/// The schedule of the per-camera loop (III-D): association gates shrink geometrically, rotation is
+/// freed before translation; intrinsics wait for the joint solve.
 struct CoarseToFineOptions {
   int num_rounds = 8;
   double sigma_theta_start_deg = 35.0;
@@ -112,6 +113,7 @@ struct CalibrationOptions {
   TrackRansacOptions ransac;
   CoarseToFineOptions coarse_to_fine;
   JointOptions joint;
+  MapGuidedOptions map_guided;
   PriorOptions prior;
   AcceptanceOptions acceptance;
   void Visit(OptionVisitor& v) {
@@ -124,6 +126,7 @@ struct CalibrationOptions {
     v.Group("ransac", &ransac);
     v.Group("coarse_to_fine", &coarse_to_fine);
     v.Group("joint", &joint);
+    v.Group("map_guided", &map_guided);
     v.Group("prior", &prior);
     v.Group("acceptance", &acceptance);
   }
