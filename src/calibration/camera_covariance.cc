@@ -5,6 +5,7 @@
 #include <Eigen/SparseCore>
 #include <cmath>
 #include <map>
+#include <optional>
 
 #include "problem_assembly.h"
 #include "scenecalib/calibration/calibration_problem.h"
@@ -68,7 +69,8 @@ Eigen::Vector3d LargerStddev(const Eigen::Matrix3d& formal, const Eigen::Matrix3
 
 }  // namespace
 
-Result<std::vector<CameraStddev>> CalibrationProblem::EstimateStddev(double block_s) const {
+Result<std::vector<CameraStddev>> CalibrationProblem::EstimateStddev(
+    std::optional<double> block_s) const {
   const AssembledProblem assembled = AssembleProblem(*this);
   SparseMatrix data;
   SparseMatrix prior;
@@ -85,7 +87,9 @@ Result<std::vector<CameraStddev>> CalibrationProblem::EstimateStddev(double bloc
     return Status::NumericalFailure("the normal equations are singular");
   }
   // Sandwich H^-1 (sum_b g_b g_b^T + P^T P) H^-1: the spread of the scores over blocks of time.
-  const Eigen::MatrixXd influence = factor.solve(ScoresByBlock(terms, data, residuals, block_s));
+  const Eigen::MatrixXd influence =
+      block_s ? Eigen::MatrixXd(factor.solve(ScoresByBlock(terms, data, residuals, *block_s)))
+              : Eigen::MatrixXd::Zero(data.cols(), 0);
 
   std::vector<CameraStddev> result(cameras->size());
   Eigen::Index column = 0;
@@ -95,15 +99,17 @@ Result<std::vector<CameraStddev>> CalibrationProblem::EstimateStddev(double bloc
     const auto next = [&](const double* block, int size, const Eigen::Matrix3d& turn) {
       Eigen::Matrix3d formal = Eigen::Matrix3d::Zero();
       Eigen::Matrix3d sandwich = Eigen::Matrix3d::Zero();
-      if (!assembled.problem->HasParameterBlock(block)) return Eigen::Vector3d(0.0, 0.0, 0.0);
+      if (!assembled.IsFree(block)) return Eigen::Vector3d(0.0, 0.0, 0.0);
       Eigen::MatrixXd unit = Eigen::MatrixXd::Zero(data.cols(), size);
       unit.middleRows(column, size).setIdentity();
       const Eigen::MatrixXd inverse = factor.solve(unit);
       const Eigen::MatrixXd spread = influence.middleRows(column, size);
       const Eigen::MatrixXd prior_share = prior * inverse;
       formal.topLeftCorner(size, size) = inverse.middleRows(column, size);
-      sandwich.topLeftCorner(size, size) =
-          spread * spread.transpose() + prior_share.transpose() * prior_share;
+      if (block_s) {
+        sandwich.topLeftCorner(size, size) =
+            spread * spread.transpose() + prior_share.transpose() * prior_share;
+      }
       column += size;
       return LargerStddev(formal, sandwich, turn);
     };

@@ -80,6 +80,23 @@ void FoldDeltas(JointCalibration* joint) {
   }
 }
 
+/// Decides at the poses found so far which cameras' intrinsics this drive can show. Principal point
+/// and rotation trade off almost freely on a straight drive; there, small errors of the map would
+/// move both far along that direction, by many of their formal standard deviations.
+Status HoldUnresolvedIntrinsics(const CalibrationOptions& options, CalibrationProblem* problem,
+                                JointCalibration* joint) {
+  problem->hold_intrinsics.clear();
+  const Result<std::vector<CameraStddev>> formal = problem->EstimateStddev(std::nullopt);
+  if (!formal.ok()) return formal.status();
+  for (std::size_t c = 0; c < joint->cameras.size(); ++c) {
+    const double known_px =
+        options.prior.formal_optimism * (*formal)[c].principal_point_px.maxCoeff();
+    joint->evidence[c].intrinsics_unresolved = known_px > problem->priors[c].principal_point_px;
+    problem->hold_intrinsics.push_back(joint->evidence[c].intrinsics_unresolved);
+  }
+  return Status::Ok();
+}
+
 /// Registers the inlier tracks of one camera again, now that their planes, the trajectory and a
 /// calibration are known. Tracks without a plane stay as they are.
 Status RegisterAgain(const JointCamera& camera, int index, const std::vector<TransferTerm>& terms,
@@ -130,6 +147,7 @@ Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& camera
   }
   joint.evidence.resize(cameras.size());
   CalibrationProblem problem = MakeProblem(&joint, cameras, options);
+  problem.hold_intrinsics.assign(cameras.size(), true);  // until the poses are good
   for (int round = 0; round < options.joint.num_rounds; ++round) {
     problem.terms.clear();
     problem.time_offset_s = joint.time_offset_s;
@@ -147,6 +165,9 @@ Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& camera
       joint.stddev = *stddev;
     }
     FoldDeltas(&joint);
+    if (round == 0 && !options.hold_intrinsics) {
+      SCENECALIB_RETURN_IF_ERROR(HoldUnresolvedIntrinsics(options, &problem, &joint));
+    }
     if (options.joint.register_through_map && round + 1 < options.joint.num_rounds) {
       for (std::size_t c = 0; c < cameras.size(); ++c) {
         SCENECALIB_RETURN_IF_ERROR(RegisterAgain(cameras[c], static_cast<int>(c), problem.terms,

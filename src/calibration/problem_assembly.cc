@@ -84,13 +84,20 @@ AssembledProblem AssembleProblem(const CalibrationProblem& p) {
   }
   AddCameraPriors(p, &assembled);
   if (p.free.correction) AddCorrectionPriors(p, &assembled);
+  for (std::size_t c = 0; c < p.hold_intrinsics.size(); ++c) {
+    double* block = (*p.cameras)[c].intrinsics.data();
+    if (p.hold_intrinsics[c] && assembled.problem->HasParameterBlock(block)) {
+      assembled.problem->SetParameterBlockConstant(block);
+    }
+  }
   const auto keep = [&assembled](double* block) {
     if (assembled.problem->HasParameterBlock(block)) assembled.blocks.push_back(block);
   };
-  for (CameraParameters& camera : *p.cameras) {
+  for (std::size_t c = 0; c < p.cameras->size(); ++c) {
+    CameraParameters& camera = (*p.cameras)[c];
     keep(camera.rotation_delta_rad.data());
     keep(camera.translation_delta_m.data());
-    keep(camera.intrinsics.data());
+    if (c >= p.hold_intrinsics.size() || !p.hold_intrinsics[c]) keep(camera.intrinsics.data());
     keep(&camera.time_offset_delta_s);
   }
   if (p.free.correction) {

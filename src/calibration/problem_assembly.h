@@ -2,6 +2,7 @@
 
 #include <ceres/problem.h>
 
+#include <algorithm>
 #include <memory>
 #include <vector>
 
@@ -15,6 +16,10 @@ struct AssembledProblem {
   std::vector<ceres::ResidualBlockId> terms;  ///< in the order of CalibrationProblem::terms
   std::vector<ceres::ResidualBlockId> priors;
   std::vector<double*> blocks;  ///< the free ones: cameras in their order, then knots
+
+  bool IsFree(const double* block) const {
+    return std::find(blocks.begin(), blocks.end(), block) != blocks.end();
+  }
 };
 
 AssembledProblem AssembleProblem(const CalibrationProblem& problem);

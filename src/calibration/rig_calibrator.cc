@@ -261,6 +261,11 @@ class Finisher {
       refined.time_offset_s = joint.time_offset_s[joint_camera];
       if (!options_.hold_intrinsics) refined.model = *model;
       quality.reasons = WeakDirections(quality.stddev, options_.acceptance);
+      if (joint.evidence[joint_camera].intrinsics_unresolved) {
+        quality.reasons.push_back(
+            "intrinsics held at their initial values: this drive does not tell the principal point "
+            "from the rotation; drive curves to refine them");
+      }
     }
     Append(SampleBundles(camera, joint.terms, joint_camera, initial_cameras[joint_camera], none),
            &calibration_->bundles_before);

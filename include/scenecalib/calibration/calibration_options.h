@@ -64,9 +64,10 @@ struct JointOptions {
 struct PriorOptions {
   double rotation_deg = 2.0;
   double translation_m = 0.2;
-  double focal_scale = 0.01;
-  double principal_point_share = 0.006;
+  double focal_scale = 0.005;
+  double principal_point_share = 0.004;
   double time_offset_s = 0.02;
+  double formal_optimism = 10.0;
   void Visit(OptionVisitor& v) {
     v.Field("rotation_deg", &rotation_deg, {1e-4, 180.0}, "of each rotation axis");
     v.Field("translation_m", &translation_m, {1e-4, 10.0}, "of each translation axis");
@@ -74,6 +75,10 @@ struct PriorOptions {
     v.Field("principal_point_share", &principal_point_share, {1e-6, 1.0},
             "of cx and cy, as a share of the image's width");
     v.Field("time_offset_s", &time_offset_s, {1e-6, 1.0}, "of the time offset");
+    v.Field(
+        "formal_optimism", &formal_optimism, {1.0, 1000.0},
+        "by how much the formal covariance may be too small; a camera's intrinsics are held when "
+        "the data, so corrected, know its principal point less well than the prior does");
   }
 };
 

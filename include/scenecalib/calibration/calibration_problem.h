@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 #include <vector>
 
 #include "scenecalib/base/status.h"
@@ -76,6 +77,8 @@ struct CalibrationProblem {
   CorrectionPrior correction_prior;
   std::vector<TransferTerm> terms;
   FreeParameters free;
+  /// Cameras whose intrinsics stay although `free` would let them go; empty means none.
+  std::vector<bool> hold_intrinsics;
   double loss_scale = 2.0;      ///< Cauchy, in units of the whitened residual's sigma
   double residual_sigma = 1.0;  ///< what one unit of whitened residual is worth (estimated)
   int max_iterations = 30;
@@ -83,10 +86,10 @@ struct CalibrationProblem {
   /// NumericalFailure when the solver breaks down; the parameters are then as before.
   Result<SolveEvidence> Solve();
 
-  /// Standard deviations of every camera at the present parameters: the larger of the formal
-  /// covariance and of a sandwich estimate over blocks of time, which sees errors that the terms of
-  /// one stretch of road share. Parallel to cameras.
-  Result<std::vector<CameraStddev>> EstimateStddev(double block_s) const;
+  /// Standard deviations of every camera at the present parameters, parallel to cameras. The larger
+  /// of the formal covariance and of a sandwich estimate over blocks of time, which sees errors
+  /// that the terms of one stretch of road share; or the formal one alone when block_s is none.
+  Result<std::vector<CameraStddev>> EstimateStddev(std::optional<double> block_s) const;
 };
 
 /// Sets each term's whitening from the pixel covariances carried through the transfer and the

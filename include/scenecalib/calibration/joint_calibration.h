@@ -21,6 +21,8 @@ struct JointCameraEvidence {
   std::array<int, kNumAssociationOutcomes> num_tracks_by_outcome{};
   int num_inlier_tracks = 0;
   double residual_sigma = 1.0;  ///< of its whitened residuals
+  /// True when the drive does not resolve the principal point, so that the intrinsics were held.
+  bool intrinsics_unresolved = false;
 };
 
 /// The solution over all cameras, parallel to the input.
