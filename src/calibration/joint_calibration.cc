@@ -55,6 +55,7 @@ std::vector<TransferTerm> CollectTerms(JointCalibration* joint, int camera,
 }
 
 CalibrationProblem MakeProblem(JointCalibration* joint, const std::vector<JointCamera>& cameras,
+                               const CorrectionPrior& correction_prior,
                                const CalibrationOptions& options) {
   CalibrationProblem problem;
   problem.cameras = &joint->cameras;
@@ -66,9 +67,7 @@ CalibrationProblem MakeProblem(JointCalibration* joint, const std::vector<JointC
   problem.free.intrinsics = !options.hold_intrinsics;
   problem.free.time_offset = options.estimate_time_offset;
   problem.free.correction = options.joint.correct_trajectory;
-  problem.correction_prior.walk_rotation_rad =
-      kRadPerDeg * options.joint.correction_walk_rotation_deg;
-  problem.correction_prior.walk_translation_m = options.joint.correction_walk_translation_m;
+  problem.correction_prior = correction_prior;
   return problem;
 }
 
@@ -133,8 +132,30 @@ Status RegisterAgain(const JointCamera& camera, int index, const std::vector<Tra
 
 }  // namespace
 
+CorrectionPrior CorrectionPriorOf(const SceneMap& map, const JointOptions& options) {
+  CorrectionPrior prior;
+  prior.walk_rotation_rad = kRadPerDeg * options.correction_walk_rotation_deg;
+  prior.walk_translation_m = options.correction_walk_translation_m;
+  // Of a random walk, the error over one second is the rate itself.
+  const RelativeMotionSigma* nearest = nullptr;
+  for (const RelativeMotionSigma& sigma : map.relative_motion) {
+    if (nearest == nullptr ||
+        std::abs(std::log(sigma.window_s)) < std::abs(std::log(nearest->window_s))) {
+      nearest = &sigma;
+    }
+  }
+  if (nearest == nullptr) return prior;
+  const double root_s = std::sqrt(nearest->window_s);
+  prior.walk_rotation_rad = std::max(kRadPerDeg * options.min_correction_walk_rotation_deg,
+                                     nearest->rotation_rad / root_s);
+  prior.walk_translation_m =
+      std::max(options.min_correction_walk_translation_m, nearest->translation_m / root_s);
+  return prior;
+}
+
 Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& cameras,
                                           const Trajectory& map_from_lidar, const RayCaster& caster,
+                                          const CorrectionPrior& correction_prior,
                                           const CalibrationOptions& options,
                                           const std::function<bool()>& after_round) {
   JointCalibration joint;
@@ -146,7 +167,7 @@ Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& camera
     joint.tracks.push_back(camera.tracks);
   }
   joint.evidence.resize(cameras.size());
-  CalibrationProblem problem = MakeProblem(&joint, cameras, options);
+  CalibrationProblem problem = MakeProblem(&joint, cameras, correction_prior, options);
   problem.hold_intrinsics.assign(cameras.size(), true);  // until the poses are good
   for (int round = 0; round < options.joint.num_rounds; ++round) {
     problem.terms.clear();

@@ -342,9 +342,9 @@ Result<RigCalibration> CalibrateRig(const Rig& initial, const SceneMap& map,
   }
 
   RoundCounter joint_rounds(progress, "calibration: joint", options.joint.num_rounds);
-  const Result<JointCalibration> joint =
-      CalibrateJointly(joint_cameras, map.map_from_lidar, *caster, options,
-                       [&joint_rounds] { return joint_rounds.Tick(); });
+  const Result<JointCalibration> joint = CalibrateJointly(
+      joint_cameras, map.map_from_lidar, *caster, CorrectionPriorOf(map, options.joint), options,
+      [&joint_rounds] { return joint_rounds.Tick(); });
   if (!joint.ok()) return joint.status();
   const Finisher finisher(initial, map, *caster, options, &calibration);
   for (std::size_t j = 0; j < joint_cameras.size(); ++j) {

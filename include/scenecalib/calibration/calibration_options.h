@@ -40,6 +40,8 @@ struct JointOptions {
   double correction_knot_s = 0.1;
   double correction_walk_rotation_deg = 0.015;
   double correction_walk_translation_m = 0.005;
+  double min_correction_walk_rotation_deg = 0.001;
+  double min_correction_walk_translation_m = 0.0005;
   bool register_through_map = true;
   void Visit(OptionVisitor& v) {
     v.Field("num_rounds", &num_rounds, {1, 100}, "rounds of association and joint solve");
@@ -52,9 +54,14 @@ struct JointOptions {
     v.Field("correction_knot_s", &correction_knot_s, {0.01, 10.0},
             "spacing of the trajectory correction's knots");
     v.Field("correction_walk_rotation_deg", &correction_walk_rotation_deg, {1e-6, 10.0},
-            "random walk of the correction's rotation per square root of a second");
+            "random walk of the correction's rotation per square root of a second, where the map "
+            "does not state its trajectory's uncertainty");
     v.Field("correction_walk_translation_m", &correction_walk_translation_m, {1e-6, 1.0},
-            "random walk of the correction's translation per square root of a second");
+            "the same of its translation");
+    v.Field("min_correction_walk_rotation_deg", &min_correction_walk_rotation_deg, {1e-6, 10.0},
+            "the walk is never stiffer than this, whatever the map states");
+    v.Field("min_correction_walk_translation_m", &min_correction_walk_translation_m, {1e-6, 1.0},
+            "the same of its translation");
     v.Field("register_through_map", &register_through_map,
             "register the tracks' patches again through the map between the rounds");
   }

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "scenecalib/calibration/camera_calibration.h"
+#include "scenecalib/mapping/scene_map.h"
 #include "scenecalib/tracking/camera_tracker.h"
 
 namespace scenecalib {
@@ -38,10 +39,15 @@ struct JointCalibration {
   bool converged = false;
 };
 
+/// The prior of the trajectory's correction: what the mapping itself says of its relative motion,
+/// else the options' rates.
+CorrectionPrior CorrectionPriorOf(const SceneMap& map, const JointOptions& options);
+
 /// Refines all cameras together with the lidar trajectory's small errors (III-F): associate,
 /// optionally register the tracks again through the map (Eq. 4 within one camera), solve, repeat.
 Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& cameras,
                                           const Trajectory& map_from_lidar, const RayCaster& caster,
+                                          const CorrectionPrior& correction_prior,
                                           const CalibrationOptions& options,
                                           const std::function<bool()>& after_round);
 
