@@ -9,6 +9,7 @@
 
 #include "scenecalib/io/rig_yaml.h"
 #include "scenecalib/io/trajectory_tum.h"
+#include "scenecalib/mapping/ply.h"
 #include "scenecalib/pipeline/overlays.h"
 
 namespace scenecalib {
@@ -56,6 +57,11 @@ Status WriteAll(const fs::path& directory, const PipelineResult& result,
   SCENECALIB_RETURN_IF_ERROR(WriteTrajectoryTum((directory / "trajectory.tum").string(),
                                                 result.mapping.map.map_from_lidar));
   SCENECALIB_RETURN_IF_ERROR(WriteText(directory / "report.txt", report));
+  const SceneMap& map = result.mapping.map;
+  SCENECALIB_RETURN_IF_ERROR(
+      WritePly((directory / "ground.ply").string(), map.ground, PlyFormat::kBinary));
+  SCENECALIB_RETURN_IF_ERROR(
+      WritePly((directory / "surfels.ply").string(), map.surfels, PlyFormat::kBinary));
   SCENECALIB_RETURN_IF_ERROR(WriteOverlays(directory / "overlays", result));
   return WriteCalibration((directory / "calibration.yaml").string(), result.calibration.result);
 }
