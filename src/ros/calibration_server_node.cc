@@ -25,7 +25,7 @@ namespace {
 
 constexpr double kServiceWait_s = 5.0;
 constexpr double kFrustumDepth_m = 1.0;
-constexpr int kImagesPerOverlay = 2;
+constexpr int kImagesPerOverlay = 1;  // RViz shows them small
 constexpr int kImagesForColour = 12;
 
 std::string SegmentService(const std::string& camera, const std::string& name) {

@@ -19,7 +19,7 @@ namespace scenecalib {
 namespace {
 
 constexpr char kMapFrame[] = "map";
-constexpr int kImagesPerOverlay = 2;
+constexpr int kImagesPerOverlay = 1;  // RViz shows them small
 constexpr int kImagesForColour = 12;
 constexpr double kFrustumDepth_m = 1.0;
 
