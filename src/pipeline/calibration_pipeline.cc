@@ -62,6 +62,24 @@ std::string WhyUnusable(const CameraConfig& camera, const SceneMap& map,
   return text;
 }
 
+/// Rates the initial and the refined rig on the same images (IV-A).
+Status AddMiscalibrationRates(const Rig& initial, const SceneMap& map,
+                              const std::vector<CameraSegment>& segments,
+                              const MiscalibrationOptions& options, CalibrationResult* result) {
+  if (options.num_times == 0) return Status::Ok();
+  std::vector<const std::map<Timestamp, cv::Mat>*> images;
+  for (const CameraSegment& segment : segments) images.push_back(&segment.images);
+  const auto before = ComputeMiscalibrationRates(initial, map, images, options);
+  if (!before.ok()) return before.status();
+  const auto after = ComputeMiscalibrationRates(result->rig, map, images, options);
+  if (!after.ok()) return after.status();
+  for (std::size_t i = 0; i < result->cameras.size(); ++i) {
+    result->cameras[i].miscalibration_rate_before = (*before)[i];
+    result->cameras[i].miscalibration_rate_after = (*after)[i];
+  }
+  return Status::Ok();
+}
+
 }  // namespace
 
 std::size_t NumThreads(int threads_option) {
@@ -183,7 +201,7 @@ Result<PipelineResult> CalibrationPipeline::Run(
   const StageTimer timer("calibration");
   Result<RigCalibration> calibration =
       CalibrateSegments(impl_->rig, result.mapping.map, result.segments, refusals,
-                        impl_->options.calibration, serialised);
+                        impl_->options.calibration, impl_->options.miscalibration, serialised);
   result.costs.push_back(timer.Stop());
   if (!calibration.ok()) return calibration.status();
   result.calibration = std::move(calibration).value();
@@ -194,6 +212,7 @@ Result<RigCalibration> CalibrateSegments(const Rig& initial, const SceneMap& map
                                          std::vector<CameraSegment> segments,
                                          std::vector<std::string> refusals,
                                          const CalibrationOptions& options,
+                                         const MiscalibrationOptions& miscalibration,
                                          const ProgressCallback& progress) {
   refusals.resize(segments.size());
   std::string all_refusals;
@@ -212,6 +231,8 @@ Result<RigCalibration> CalibrateSegments(const Rig& initial, const SceneMap& map
     std::vector<std::string>& reasons = calibration->result.cameras[i].reasons;
     reasons.insert(reasons.begin(), refusals[i]);
   }
+  SCENECALIB_RETURN_IF_ERROR(
+      AddMiscalibrationRates(initial, map, segments, miscalibration, &calibration->result));
   return calibration;
 }
 

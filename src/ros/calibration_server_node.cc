@@ -179,6 +179,7 @@ Status CalibrationServerNode::Recalibrate(RecalibrateResponse* response) {
   if (!inputs.ok()) return inputs.status();
   const Result<RigCalibration> calibration =
       CalibrateSegments(inputs->rig, inputs->map, inputs->segments, {}, setup_.options.calibration,
+                        setup_.options.miscalibration,
                         [this](const Progress& progress) { return OnProgress(progress); });
   if (!calibration.ok()) return calibration.status();
   const CalibrationResult& result = calibration->result;

@@ -20,7 +20,7 @@ struct CameraStddev {
 };
 
 /// Share of perturbed poses that look better than the calibrated one (IV-A), per axis of the camera
-/// frame: right, down, forward, and the rotations about them.
+/// frame: x right, y down, z forward; roll turns about forward, pitch about right, yaw about down.
 struct MiscalibrationRate {
   double x = 0.0, y = 0.0, z = 0.0, roll = 0.0, pitch = 0.0, yaw = 0.0;
 };

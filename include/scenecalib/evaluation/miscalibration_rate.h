@@ -27,7 +27,8 @@ struct MiscalibrationOptions {
     v.Field("max_translation_m", &max_translation_m, {1e-4, 1.0}, "positions are moved by up to");
     v.Field("max_rotation_deg", &max_rotation_deg, {1e-3, 10.0}, "rotations are turned by up to");
     v.Field("num_samples", &num_samples, {1, 10000}, "perturbed poses per axis");
-    v.Field("num_times", &num_times, {1, 1000}, "times, evenly over the recording, to look at");
+    v.Field("num_times", &num_times, {0, 1000},
+            "times, evenly over the recording, to look at; 0 computes no rates");
     v.Field("pair_separation_s", &pair_separation_s, {0.01, 60.0},
             "between the two images of a pair of one camera");
     v.Field("max_stamp_difference_s", &max_stamp_difference_s, {1e-3, 10.0},

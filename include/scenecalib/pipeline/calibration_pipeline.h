@@ -63,11 +63,13 @@ class CalibrationPipeline {
 
 /// The last stage, with the checks that a person needs spelt out: a camera without images, or whose
 /// stamps do not meet the map's time, is left at its initial values and says so. So is one with an
-/// entry in `refusals` (parallel to the cameras, or empty), which then is its reason.
+/// entry in `refusals` (parallel to the cameras, or empty), which then is its reason. The result
+/// carries the miscalibration rates (IV-A) of the initial and of the refined rig.
 Result<RigCalibration> CalibrateSegments(const Rig& initial, const SceneMap& map,
                                          std::vector<CameraSegment> segments,
                                          std::vector<std::string> refusals,
                                          const CalibrationOptions& options,
+                                         const MiscalibrationOptions& miscalibration,
                                          const ProgressCallback& progress);
 
 }  // namespace scenecalib

@@ -4,6 +4,7 @@
 
 #include "scenecalib/base/options.h"
 #include "scenecalib/calibration/calibration_options.h"
+#include "scenecalib/evaluation/miscalibration_rate.h"
 #include "scenecalib/mapping/mapping_options.h"
 #include "scenecalib/tracking/tracking_options.h"
 
@@ -30,6 +31,7 @@ struct PipelineOptions {
   MappingOptions mapping;
   TrackingOptions tracking;
   CalibrationOptions calibration;
+  MiscalibrationOptions miscalibration;
 
   void Visit(OptionVisitor& v) {
     v.Field("threads", &threads, {0, 1024}, "processor cores to use, 0 for all; no result changes");
@@ -37,6 +39,7 @@ struct PipelineOptions {
     v.Group("mapping", &mapping);
     v.Group("tracking", &tracking);
     v.Group("calibration", &calibration);
+    v.Group("miscalibration", &miscalibration);
   }
 };
 
