@@ -112,7 +112,18 @@ std::optional<Eigen::Quaterniond> MotionPrior::RotationBetween(Timestamp from_ns
 
 std::optional<Rigid3> MotionPrior::OdometryPoseAt(Timestamp stamp_ns) const {
   const auto after = FirstAtOrAfter(odometry_, stamp_ns);
-  if (after == odometry_.end()) return std::nullopt;
+  if (after == odometry_.end()) {
+    // A sweep is handed on as soon as it ends, often before the next odometry sample arrives: the
+    // last motion carries on for that little while.
+    if (odometry_.size() < 2) return std::nullopt;
+    const OdometrySample& last = odometry_.back();
+    const OdometrySample& previous = odometry_[odometry_.size() - 2];
+    const double step_s = SecondsBetween(previous.stamp_ns, last.stamp_ns);
+    const double overhang_s = SecondsBetween(last.stamp_ns, stamp_ns);
+    if (overhang_s > kMaxOverhangS || step_s > kMaxGapS) return std::nullopt;
+    return InterpolateRigid3(previous.odom_from_body, last.odom_from_body,
+                             1.0 + overhang_s / step_s);
+  }
   if (after->stamp_ns == stamp_ns) return after->odom_from_body;
   if (after == odometry_.begin()) return std::nullopt;
   const auto before = std::prev(after);

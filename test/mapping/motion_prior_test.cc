@@ -82,6 +82,22 @@ TEST(MotionPrior, TurnsBodyOdometryIntoLidarMotion) {
   EXPECT_FALSE(prior.MotionBetween(drive.StampAt(0.2), drive.StampAt(1.2)).has_value());
 }
 
+TEST(MotionPrior, OdometryCarriesOnToTheEndOfASweepThatItsLastSampleJustMisses) {
+  const SyntheticDrive drive;
+  MotionPrior prior(RigWithImu(drive));
+  for (int i = 0; i <= 50; ++i) {
+    prior.AddOdometry(
+        {drive.StampAt(0.02 * i), drive.WorldFromLidar(0.02 * i) * drive.lidar_from_imu});
+  }
+  constexpr double kEnd = 1.015;  // the last sample is at 1.0
+  const auto motion = prior.MotionBetween(drive.StampAt(0.9), drive.StampAt(kEnd));
+  ASSERT_TRUE(motion.has_value());
+  const Rigid3 truth = drive.WorldFromLidar(0.9).Inverse() * drive.WorldFromLidar(kEnd);
+  // Half the acceleration times 15 ms times 25 ms stays below 2 mm at 10 m/s^2.
+  EXPECT_LT((motion->translation - truth.translation).norm(), 2e-3);
+  EXPECT_LT(RotationAngle(motion->rotation, truth.rotation), 2e-3);
+}
+
 TEST(MotionPrior, SaysNothingWithoutSensors) {
   MotionPrior prior{Rig{}};
   prior.AddImu({});
