@@ -42,10 +42,20 @@ install_packages() {
     "${missing[@]}"
 }
 
+# Puts the package into the workspace: links to what the repository holds except build/, which holds
+# the workspace. A link to the whole would contain itself, and ROS walks packages through links.
+link_sources() {
+  local package="$workspace/src/scenecalib" entry
+  rm -rf "$package"
+  mkdir -p "$package"
+  for entry in "$repository"/*; do
+    [[ "$(basename "$entry")" == build ]] || ln -s "$entry" "$package/"
+  done
+}
+
 # Makes the workspace and builds there; arguments go to catkin_make.
 build_workspace() {
-  mkdir -p "$workspace/src"
-  ln -sfn "$repository" "$workspace/src/scenecalib"
+  link_sources
   (
     cd "$workspace"
     # The system's Python is the one that Debian's ROS needs, whatever else is on the PATH.
