@@ -25,7 +25,7 @@ def read_results(directory):
             bad = case.find('failure') is not None or case.find('error') is not None
             if case.get('status') == 'notrun' or case.find('skipped') is not None:
                 continue
-            # rostest also writes each result into a summary of its own, rostest-*.xml.
+            # rostest adds one case per .test file, rostest-*.xml: that it ran to its end.
             (failed if bad else passed).append(name)
     return passed, failed
 
