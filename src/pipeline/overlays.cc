@@ -18,11 +18,13 @@ struct PlacedImage {
   Rigid3 map_from_lidar;
 };
 
-/// Up to max_images images inside the map's time, spread evenly; the ends are left out.
+/// Up to max_images images inside the map's time, in colour where there is any, spread evenly; the
+/// ends are left out.
 std::vector<PlacedImage> PickImages(const CameraConfig& camera, const SceneMap& map,
                                     const CameraSegment& segment, int max_images) {
   std::vector<PlacedImage> placed;
-  for (const auto& [stamp_ns, pixels] : segment.images) {
+  const auto& images = segment.colour_images.empty() ? segment.images : segment.colour_images;
+  for (const auto& [stamp_ns, pixels] : images) {
     const std::optional<Rigid3> map_from_lidar =
         map.map_from_lidar.Interpolate(AddSeconds(stamp_ns, camera.time_offset_s));
     if (map_from_lidar && !pixels.empty()) placed.push_back({pixels, *map_from_lidar});
@@ -34,6 +36,13 @@ std::vector<PlacedImage> PickImages(const CameraConfig& camera, const SceneMap& 
     picked.push_back(placed[(2 * i + 1) * placed.size() / (2 * wanted)]);
   }
   return picked;
+}
+
+/// 0xRRGGBB of a grey or BGR pixel.
+int PackedColour(const cv::Mat& image, const cv::Point& pixel) {
+  if (image.channels() == 1) return 0x010101 * image.at<std::uint8_t>(pixel);
+  const cv::Vec3b& bgr = image.at<cv::Vec3b>(pixel);
+  return bgr[0] | bgr[1] << 8 | bgr[2] << 16;
 }
 
 }  // namespace
@@ -74,7 +83,7 @@ Result<std::vector<CameraOverlays>> DrawOverlays(const Rig& initial, const Rig& 
 
 std::vector<int> ColourMap(const Rig& calibrated, const SceneMap& map,
                            const std::vector<CameraSegment>& segments, int max_images) {
-  std::vector<int> gray(map.points.size(), -1);
+  std::vector<int> colours(map.points.size(), -1);
   std::vector<double> range_m(map.points.size(), std::numeric_limits<double>::infinity());
   const OverlayOptions options;
   for (std::size_t i = 0; i < segments.size(); ++i) {
@@ -89,11 +98,11 @@ std::vector<int> ColourMap(const Rig& calibrated, const SceneMap& map,
                               static_cast<int>(std::lround(seen.pixel.y())));
         if (!cv::Rect(cv::Point(), image.pixels.size()).contains(pixel)) continue;
         range_m[seen.index] = seen.range_m;
-        gray[seen.index] = image.pixels.at<std::uint8_t>(pixel);
+        colours[seen.index] = PackedColour(image.pixels, pixel);
       }
     }
   }
-  return gray;
+  return colours;
 }
 
 }  // namespace scenecalib

@@ -4,6 +4,7 @@
 #include <sensor_msgs/image_encodings.h>
 
 #include <algorithm>
+#include <cmath>
 #include <exception>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
@@ -16,6 +17,9 @@ namespace scenecalib {
 namespace {
 
 namespace encodings = sensor_msgs::image_encodings;
+
+constexpr double kColourPeriod_s =
+    0.9;  // a little below a second, for images that come once in one
 
 Timestamp Nanoseconds(const ros::Time& time) { return static_cast<Timestamp>(time.toNSec()); }
 
@@ -64,6 +68,14 @@ cv::Mat LumaOfYuv422(const sensor_msgs::Image& message) {
 
 }  // namespace
 
+bool ImageConverter::WantsColour(Timestamp stamp_ns) {
+  if (last_colour_ns_ && std::abs(SecondsBetween(*last_colour_ns_, stamp_ns)) < kColourPeriod_s) {
+    return false;
+  }
+  last_colour_ns_ = stamp_ns;
+  return true;
+}
+
 Result<GrayImage> ImageConverter::Convert(const sensor_msgs::Image& message) {
   SCENECALIB_RETURN_IF_ERROR(CheckLayout(message));
   GrayImage gray;
@@ -83,6 +95,9 @@ Result<GrayImage> ImageConverter::Convert(const sensor_msgs::Image& message) {
       gray.pixels = cv_bridge::toCvCopy(as_mono8, encodings::MONO8)->image;
     } else {
       gray.pixels = cv_bridge::toCvCopy(message, encodings::MONO8)->image;
+      if (message.encoding != encodings::MONO8 && WantsColour(gray.stamp_ns)) {
+        gray.colour = cv_bridge::toCvCopy(message, encodings::BGR8)->image;
+      }
     }
   } catch (const std::exception& error) {
     return Status::InvalidArgument("image encoding \"" + message.encoding +
@@ -98,6 +113,9 @@ Result<GrayImage> ImageConverter::Convert(const sensor_msgs::CompressedImage& me
     if (!message.data.empty()) {
       gray.pixels =
           cv::imdecode(message.data, cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
+      if (!gray.pixels.empty() && WantsColour(gray.stamp_ns)) {
+        gray.colour = cv::imdecode(message.data, cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);
+      }
     }
   } catch (const std::exception&) {
     gray.pixels.release();

@@ -166,14 +166,36 @@ Result<SceneMap> FromMessage(const MapSnapshot& message) {
   return map;
 }
 
+namespace {
+
+sensor_msgs::CompressedImage ToPng(Timestamp stamp_ns, const cv::Mat& pixels) {
+  sensor_msgs::CompressedImage image;
+  image.header.stamp = ToRosTime(stamp_ns);
+  image.format = "png";
+  cv::imencode(".png", pixels, image.data, {cv::IMWRITE_PNG_COMPRESSION, 1});
+  return image;
+}
+
+/// Decodes every image; false when one cannot be.
+bool FromPng(const std::vector<sensor_msgs::CompressedImage>& messages, int flags,
+             std::map<Timestamp, cv::Mat>* images) {
+  for (const sensor_msgs::CompressedImage& message : messages) {
+    const cv::Mat pixels = message.data.empty() ? cv::Mat() : cv::imdecode(message.data, flags);
+    if (pixels.empty()) return false;
+    (*images)[FromRosTime(message.header.stamp)] = pixels;
+  }
+  return true;
+}
+
+}  // namespace
+
 void FillSegment(const CameraSegment& segment, GetSegmentResponse* response) {
   for (const Track& track : segment.tracks) response->tracks.push_back(ToMessage(track));
   for (const auto& [stamp_ns, pixels] : segment.images) {
-    sensor_msgs::CompressedImage image;
-    image.header.stamp = ToRosTime(stamp_ns);
-    image.format = "png";
-    cv::imencode(".png", pixels, image.data, {cv::IMWRITE_PNG_COMPRESSION, 1});
-    response->images.push_back(std::move(image));
+    response->images.push_back(ToPng(stamp_ns, pixels));
+  }
+  for (const auto& [stamp_ns, pixels] : segment.colour_images) {
+    response->colour_images.push_back(ToPng(stamp_ns, pixels));
   }
   response->num_images_in = segment.num_images_in;
   response->num_images_dropped_at_bound = segment.num_images_dropped_at_bound;
@@ -188,11 +210,9 @@ Result<CameraSegment> FromMessage(const GetSegmentResponse& response) {
     if (!track.ok()) return track.status();
     segment.tracks.push_back(std::move(track).value());
   }
-  for (const sensor_msgs::CompressedImage& image : response.images) {
-    const cv::Mat pixels =
-        image.data.empty() ? cv::Mat() : cv::imdecode(image.data, cv::IMREAD_GRAYSCALE);
-    if (pixels.empty()) return Status::InvalidArgument("segment: an image cannot be decoded");
-    segment.images[FromRosTime(image.header.stamp)] = pixels;
+  if (!FromPng(response.images, cv::IMREAD_GRAYSCALE, &segment.images) ||
+      !FromPng(response.colour_images, cv::IMREAD_COLOR, &segment.colour_images)) {
+    return Status::InvalidArgument("segment: an image cannot be decoded");
   }
   segment.num_images_in = response.num_images_in;
   segment.num_images_dropped_at_bound = response.num_images_dropped_at_bound;

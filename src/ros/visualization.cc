@@ -86,10 +86,10 @@ sensor_msgs::PointCloud2 MapCloud(const std::vector<MapPoint>& points,
 }
 
 sensor_msgs::PointCloud2 ColouredCloud(const std::vector<MapPoint>& points,
-                                       const std::vector<int>& gray,
+                                       const std::vector<int>& colours,
                                        const std::string& map_frame_id) {
   std::size_t num_seen = 0;
-  for (const int value : gray) num_seen += value >= 0 ? 1 : 0;
+  for (const int value : colours) num_seen += value >= 0 ? 1 : 0;
   sensor_msgs::PointCloud2 cloud;
   PrepareCloud(map_frame_id, &cloud);
   sensor_msgs::PointCloud2Modifier modifier(cloud);
@@ -97,11 +97,11 @@ sensor_msgs::PointCloud2 ColouredCloud(const std::vector<MapPoint>& points,
   modifier.resize(num_seen);
   sensor_msgs::PointCloud2Iterator<float> at(cloud, "x");
   sensor_msgs::PointCloud2Iterator<std::uint8_t> color(cloud, "rgb");
-  for (std::size_t i = 0; i < points.size() && i < gray.size(); ++i) {
-    if (gray[i] < 0) continue;
+  for (std::size_t i = 0; i < points.size() && i < colours.size(); ++i) {
+    if (colours[i] < 0) continue;
     for (int axis = 0; axis < 3; ++axis) {
       at[axis] = points[i].position_m[axis];
-      color[axis] = static_cast<std::uint8_t>(gray[i]);
+      color[axis] = static_cast<std::uint8_t>(colours[i] >> (8 * axis));  // blue first
     }
     ++at;
     ++color;

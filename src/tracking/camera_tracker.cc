@@ -19,6 +19,7 @@ struct CameraTracker::Impl {
 
   std::optional<LiveTracker> live;  ///< none until the first image
   std::map<Timestamp, cv::Mat> images;
+  std::map<Timestamp, cv::Mat> colour_images;
   Timestamp last_stamp_ns = 0;
   int num_images_in = 0;
   int num_images_black = 0;
@@ -72,16 +73,21 @@ Result<FrameTracking> CameraTracker::AddImage(const GrayImage& image) {
   Impl& impl = *impl_;
   SCENECALIB_RETURN_IF_ERROR(impl.Check(image));
   if (!impl.live) impl.live.emplace(impl.model, impl.options);
-  const GrayImage kept{image.stamp_ns, image.pixels.clone()};  // the caller may reuse its buffer
+  const GrayImage kept{
+      image.stamp_ns, image.pixels.clone(), {}};  // the caller may reuse its buffer
   const FrameTracking frame = impl.live->Add(kept);
 
   impl.images.emplace(kept.stamp_ns, kept.pixels);
+  if (image.colour.type() == CV_8UC3 && image.colour.size() == image.pixels.size()) {
+    impl.colour_images.emplace(kept.stamp_ns, image.colour.clone());
+  }
   impl.last_stamp_ns = kept.stamp_ns;
   ++impl.num_images_in;
   impl.num_images_black += frame.is_black ? 1 : 0;
   impl.brightness_sum += frame.mean_brightness;
   while (static_cast<int>(impl.images.size()) > impl.options.buffer.max_images) {
     impl.live->Forget(impl.images.begin()->first);
+    impl.colour_images.erase(impl.images.begin()->first);
     impl.images.erase(impl.images.begin());
     ++impl.num_images_dropped;
   }
@@ -92,6 +98,7 @@ CameraSegment CameraTracker::Segment() const {
   const Impl& impl = *impl_;
   CameraSegment segment;
   segment.images = impl.images;
+  segment.colour_images = impl.colour_images;
   segment.num_images_in = impl.num_images_in;
   segment.num_images_dropped_at_bound = impl.num_images_dropped;
   if (!impl.live) return segment;

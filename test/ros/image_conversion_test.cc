@@ -61,6 +61,29 @@ TEST(ImageConverter, TellsRedFromBlue) {
   EXPECT_NEAR(as_bgr, 0.114 * 200.0, 1.0);
 }
 
+TEST(ImageConverter, KeepsAnImageInColourAboutOnceASecond) {
+  sensor_msgs::Image image = Uniform(encodings::RGB8, 3, 0);
+  image.data[0] = 200;  // the first pixel's red
+  ImageConverter converter;
+  int num_coloured = 0;
+  for (int i = 0; i < 30; ++i) {
+    image.header.stamp = ros::Time(12.0 + 0.1 * i);
+    const Result<GrayImage> gray = converter.Convert(image);
+    ASSERT_TRUE(gray.ok());
+    if (gray->colour.empty()) continue;
+    ++num_coloured;
+    ASSERT_EQ(gray->colour.type(), CV_8UC3);
+    EXPECT_EQ(gray->colour.at<cv::Vec3b>(0, 0), cv::Vec3b(0, 0, 200));  // blue, green, red
+  }
+  EXPECT_GE(num_coloured, 3);
+  EXPECT_LE(num_coloured, 4);
+}
+
+TEST(ImageConverter, KeepsNoColourOfAGreyCamera) {
+  ImageConverter converter;
+  EXPECT_TRUE(converter.Convert(Uniform(encodings::MONO8, 1, 90))->colour.empty());
+}
+
 TEST(ImageConverter, TakesTheLumaOfBothYuv422Orders) {
   sensor_msgs::Image image = Uniform("yuv422", 2, 128);
   for (std::size_t row = 0; row < kHeight; ++row) {

@@ -26,8 +26,9 @@ Result<std::vector<CameraOverlays>> DrawOverlays(const Rig& initial, const Rig& 
                                                  const std::vector<CameraSegment>& segments,
                                                  int max_images);
 
-/// The grey value that the cameras give each map point, 0 to 255, or -1 where none saw it; of
-/// several sightings the nearest counts. At most `max_images` images per camera are used.
+/// The colour that the cameras give each map point, 0xRRGGBB, or -1 where none saw it; of several
+/// sightings the nearest counts. Cameras without colour give grey. At most `max_images` images per
+/// camera are used.
 std::vector<int> ColourMap(const Rig& calibrated, const SceneMap& map,
                            const std::vector<CameraSegment>& segments, int max_images);
 

@@ -4,6 +4,8 @@
 #include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/Image.h>
 
+#include <optional>
+
 #include "scenecalib/base/status.h"
 #include "scenecalib/sensor/camera_model.h"
 #include "scenecalib/sensor/measurements.h"
@@ -14,7 +16,7 @@ namespace scenecalib {
 /// patterns, yuv422 (UYVY) and yuv422_yuy2, and JPEG or PNG. One converter per camera, because of
 /// mono16: cameras put 10, 12, 14 or 16 significant bits into it without saying how many, so the
 /// scale follows the widest value seen so far (it can only widen, mostly within the first image).
-/// Not thread-safe.
+/// About once a second the image is kept in colour too, for pictures. Not thread-safe.
 class ImageConverter {
  public:
   /// InvalidArgument for an unknown encoding, or data that does not fit size and step.
@@ -23,7 +25,10 @@ class ImageConverter {
   Result<GrayImage> Convert(const sensor_msgs::CompressedImage& message);
 
  private:
+  bool WantsColour(Timestamp stamp_ns);
+
   int mono16_bits_ = 8;
+  std::optional<Timestamp> last_colour_ns_;
 };
 
 /// The camera that a camera_info message describes: distortion_model plumb_bob,

@@ -21,9 +21,9 @@ nav_msgs::Path TrajectoryPath(const Trajectory& map_from_lidar, const std::strin
 /// x, y, z, intensity.
 sensor_msgs::PointCloud2 MapCloud(const std::vector<MapPoint>& points,
                                   const std::string& map_frame_id);
-/// x, y, z, rgb of the points whose grey value is known (negative: not seen).
+/// x, y, z, rgb of the points whose colour, 0xRRGGBB, is known (negative: not seen).
 sensor_msgs::PointCloud2 ColouredCloud(const std::vector<MapPoint>& points,
-                                       const std::vector<int>& gray,
+                                       const std::vector<int>& colours,
                                        const std::string& map_frame_id);
 visualization_msgs::Marker GroundMarker(const TriangleMesh& ground,
                                         const std::string& map_frame_id);

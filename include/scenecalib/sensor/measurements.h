@@ -44,6 +44,8 @@ struct OdometrySample {
 struct GrayImage {
   Timestamp stamp_ns = 0;
   cv::Mat pixels;
+  /// The same image in colour (CV_8UC3, BGR), now and then, for pictures; mostly empty.
+  cv::Mat colour = {};
 };
 
 }  // namespace scenecalib

@@ -18,6 +18,8 @@ struct CameraSegment {
   std::vector<Track> tracks;  ///< verified, sorted by id
   /// Images kept for map-guided re-registration, cross-camera matching and overlays, by stamp.
   std::map<Timestamp, cv::Mat> images;
+  /// Those that also came in colour (CV_8UC3, BGR), about one per second, for pictures.
+  std::map<Timestamp, cv::Mat> colour_images;
   int num_images_in = 0;
   int num_images_dropped_at_bound = 0;
   double mean_brightness = 0.0;
