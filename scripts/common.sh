@@ -11,6 +11,8 @@ build_packages=(
   libcv-bridge-dev libnodelet-dev libnodeletlib-dev libdiagnostic-updater-dev libtf2-ros-dev
   libtf2-msgs-dev libdiagnostic-msgs-dev libgeometry-msgs-dev libnav-msgs-dev libsensor-msgs-dev
   libstd-msgs-dev libstd-srvs-dev libvisualization-msgs-dev
+  ros-actionlib-msgs ros-diagnostic-msgs ros-geometry-msgs ros-nav-msgs ros-sensor-msgs ros-std-msgs
+  ros-std-srvs ros-tf2-msgs ros-visualization-msgs
 )
 run_packages=(
   python3-roslaunch python3-rosservice python3-rosbag python3-rosmaster rosout rosbash python3-std-srvs
