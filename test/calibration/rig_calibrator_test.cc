@@ -70,6 +70,60 @@ TEST(RigCalibrator, TrajectoryCorrectionAbsorbsSmoothTrajectoryErrors) {
   }
 }
 
+/// The rig with focal lengths and principal points that are not the truth's.
+Rig WithWrongIntrinsics(const Rig& rig) {
+  Rig wrong = rig;
+  for (CameraConfig& camera : wrong.cameras) {
+    TunableIntrinsics tunable = camera.model->tunable();
+    tunable.focal_scale = 1.004;
+    tunable.principal_point_px += Eigen::Vector2d(3.0, -2.0);
+    camera.model = camera.model->WithTunable(tunable).value();
+  }
+  return wrong;
+}
+
+TEST(RigCalibrator, RefinesIntrinsicsOnADriveWithTurns) {
+  CanyonOptions canyon;
+  canyon.tracks_per_camera = 1500;
+  const CanyonScene scene = MakeCanyonScene(TwoCameras(), canyon);
+  CalibrationOptions options = HeldIntrinsics();
+  options.hold_intrinsics = false;
+  const auto calibration =
+      CalibrateRig(WithWrongIntrinsics(Perturb(scene.rig, 0.5 / kDegPerRad, 0.05, 8)), scene.map,
+                   scene.segments, options, {});
+  ASSERT_TRUE(calibration.ok()) << calibration.status().message();
+  for (std::size_t c = 0; c < scene.rig.cameras.size(); ++c) {
+    const Eigen::Vector2d error =
+        calibration->result.rig.cameras[c].model->tunable().principal_point_px -
+        scene.rig.cameras[c].model->tunable().principal_point_px;
+    EXPECT_LT(error.norm(), 1.0) << scene.rig.cameras[c].name;  // of 3.6 px at the start
+    EXPECT_GT(calibration->result.cameras[c].stddev.focal_scale, 0.0);
+  }
+}
+
+TEST(RigCalibrator, HoldsIntrinsicsThatAStraightDriveDoesNotShowAndSaysSo) {
+  CanyonOptions canyon;
+  canyon.turn_amplitude_rad = 0.0;
+  canyon.tracks_per_camera = 120;
+  canyon.pixel_noise_px = 0.4;
+  const CanyonScene scene = MakeCanyonScene({CanyonCamera("front", 0.0, 1500.0, false)}, canyon);
+  CalibrationOptions options = HeldIntrinsics();
+  options.hold_intrinsics = false;
+  options.acceptance.min_inlier_tracks = 20;
+  const Rig initial = Perturb(scene.rig, 0.5 / kDegPerRad, 0.05, 8);
+  const auto calibration = CalibrateRig(initial, scene.map, scene.segments, options, {});
+  ASSERT_TRUE(calibration.ok()) << calibration.status().message();
+  const CameraQuality& quality = calibration->result.cameras[0];
+  EXPECT_EQ(calibration->result.rig.cameras[0].model->tunable().principal_point_px,
+            initial.cameras[0].model->tunable().principal_point_px);
+  EXPECT_EQ(quality.stddev.focal_scale, 0.0);
+  bool said = false;
+  for (const std::string& reason : quality.reasons) {
+    said = said || reason.find("intrinsics held at their initial values") != std::string::npos;
+  }
+  EXPECT_TRUE(said);
+}
+
 TEST(RigCalibrator, SameInputGivesTheSameResultToTheLastBit) {
   CanyonOptions canyon;
   canyon.tracks_per_camera = 250;
