@@ -94,8 +94,10 @@ HeldOutRms JudgeHeldOut(const std::vector<Track>& tracks, const CameraConfig& in
       AssociateAndBuildTerms(context, joint.cameras, tracks, caster, gates, options, nullptr);
   std::vector<CameraParameters> initial_cameras = joint.cameras;
   initial_cameras[camera] = InitialParameters(initial);
+  // Both on the trajectory as it came: its correction was fitted together with the result and must
+  // not speak for it.
   const std::vector<TrackResidual> after =
-      EvaluateTracks(joint.cameras, joint.correction, after_terms);
+      EvaluateTracks(joint.cameras, TrajectoryCorrection(), after_terms);
   const std::vector<TrackResidual> before =
       EvaluateTracks(initial_cameras, TrajectoryCorrection(), after_terms);
   // Medians: a few tracks on wrong planes must not judge.
