@@ -1,0 +1,115 @@
+#include "bench/simulated_drive.h"
+
+#include <cstdint>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <system_error>
+#include <type_traits>
+#include <utility>
+
+namespace scenecalib {
+namespace {
+
+namespace fs = std::filesystem;
+
+static_assert(std::is_trivially_copyable<float>::value, "points are written as they are");
+
+struct PackedPoint {
+  float x, y, z, time_offset_s, intensity;
+  std::uint32_t ring;
+};
+
+bool ReadScan(const std::string& path, LidarScan* scan) {
+  std::ifstream file(path, std::ios::binary);
+  std::uint64_t size = 0;
+  if (!file.read(reinterpret_cast<char*>(&scan->stamp_ns), sizeof(scan->stamp_ns)) ||
+      !file.read(reinterpret_cast<char*>(&size), sizeof(size))) {
+    return false;
+  }
+  std::vector<PackedPoint> packed(size);
+  if (!file.read(reinterpret_cast<char*>(packed.data()),
+                 static_cast<std::streamsize>(size * sizeof(PackedPoint)))) {
+    return false;
+  }
+  scan->points.reserve(size);
+  for (const PackedPoint& p : packed) {
+    scan->points.push_back(
+        {{p.x, p.y, p.z}, p.time_offset_s, p.intensity, static_cast<std::uint16_t>(p.ring)});
+  }
+  return true;
+}
+
+void WriteScan(const std::string& path, const LidarScan& scan) {
+  std::vector<PackedPoint> packed;
+  packed.reserve(scan.points.size());
+  for (const LidarPoint& p : scan.points) {
+    const Eigen::Vector3f& x = p.position_in_lidar_m;
+    packed.push_back({x.x(), x.y(), x.z(), p.time_offset_s, p.intensity, p.ring});
+  }
+  const std::uint64_t size = packed.size();
+  std::ofstream file(path + ".part", std::ios::binary);
+  file.write(reinterpret_cast<const char*>(&scan.stamp_ns), sizeof(scan.stamp_ns));
+  file.write(reinterpret_cast<const char*>(&size), sizeof(size));
+  file.write(reinterpret_cast<const char*>(packed.data()),
+             static_cast<std::streamsize>(size * sizeof(PackedPoint)));
+  file.close();
+  std::error_code error;
+  if (file) fs::rename(path + ".part", path, error);
+}
+
+SimulationOptions Options(const DriveSpec& spec) {
+  SimulationOptions options;
+  options.world.kind = spec.world;
+  options.drive.kind = spec.drive;
+  options.drive.speed_m_s = spec.speed_m_s;
+  options.seed = spec.seed;
+  options.duration_s = spec.duration_s;
+  options.lidar.rings = spec.rings;
+  options.lidar.columns = spec.columns;
+  return options;
+}
+
+}  // namespace
+
+std::string Describe(const DriveSpec& spec) {
+  char text[160];
+  std::snprintf(text, sizeof(text), "%s/%s seed %d, %.0f s at %.0f m/s, %d x %d",
+                spec.world.c_str(), spec.drive.c_str(), spec.seed, spec.duration_s, spec.speed_m_s,
+                spec.rings, spec.columns);
+  return text;
+}
+
+Result<SimulatedDrive> SimulatedDrive::Create(const DriveSpec& spec) {
+  const Result<Rig> rig = DefaultRig();
+  if (!rig.ok()) return rig.status();
+  Result<Simulator> simulator = Simulator::Create(*rig, Options(spec));
+  if (!simulator.ok()) return simulator.status();
+  SimulatedDrive drive(std::move(*simulator));
+  if (!spec.cache_directory.empty()) {
+    std::string name = Describe(spec);
+    for (char& c : name) c = c == ' ' || c == '/' || c == ',' ? '_' : c;
+    drive.cache_ = spec.cache_directory + "/" + name;
+    fs::create_directories(drive.cache_);
+  }
+  for (const ScheduledMeasurement& item : drive.simulator_.schedule()) {
+    if (item.kind == MeasurementKind::kImu) {
+      drive.imu_.push_back(drive.simulator_.Imu(item.index));
+    } else if (item.kind == MeasurementKind::kOdometry) {
+      drive.odometry_.push_back(drive.simulator_.Odometry(item.index));
+    }
+  }
+  return drive;
+}
+
+LidarScan SimulatedDrive::Scan(int index) const {
+  if (cache_.empty()) return simulator_.CastScan(index);
+  const std::string path = cache_ + "/" + std::to_string(index) + ".bin";
+  LidarScan scan;
+  if (ReadScan(path, &scan)) return scan;
+  scan = simulator_.CastScan(index);
+  WriteScan(path, scan);
+  return scan;
+}
+
+}  // namespace scenecalib
