@@ -4,9 +4,13 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 #include <system_error>
 #include <type_traits>
 #include <utility>
+
+#include "scenecalib/io/rig_yaml.h"
 
 namespace scenecalib {
 namespace {
@@ -67,6 +71,7 @@ SimulationOptions Options(const DriveSpec& spec) {
   options.duration_s = spec.duration_s;
   options.lidar.rings = spec.rings;
   options.lidar.columns = spec.columns;
+  options.start = spec.start;
   return options;
 }
 
@@ -81,7 +86,7 @@ std::string Describe(const DriveSpec& spec) {
 }
 
 Result<SimulatedDrive> SimulatedDrive::Create(const DriveSpec& spec) {
-  const Result<Rig> rig = DefaultRig();
+  const Result<Rig> rig = spec.rig.empty() ? DefaultRig() : ReadRig(spec.rig);
   if (!rig.ok()) return rig.status();
   Result<Simulator> simulator = Simulator::Create(*rig, Options(spec));
   if (!simulator.ok()) return simulator.status();
@@ -89,6 +94,7 @@ Result<SimulatedDrive> SimulatedDrive::Create(const DriveSpec& spec) {
   if (!spec.cache_directory.empty()) {
     std::string name = Describe(spec);
     for (char& c : name) c = c == ' ' || c == '/' || c == ',' ? '_' : c;
+    if (!spec.rig.empty()) name += "_" + fs::path(spec.rig).stem().string();
     drive.cache_ = spec.cache_directory + "/" + name;
     fs::create_directories(drive.cache_);
   }
@@ -110,6 +116,30 @@ LidarScan SimulatedDrive::Scan(int index) const {
   scan = simulator_.CastScan(index);
   WriteScan(path, scan);
   return scan;
+}
+
+GrayImage SimulatedDrive::Image(int camera, int index) const {
+  constexpr int kJpegQuality = 95;
+  GrayImage image;
+  for (const ScheduledMeasurement& item : simulator_.schedule()) {
+    if (item.kind == MeasurementKind::kImage && item.camera == camera && item.index == index) {
+      image.stamp_ns = item.stamp_ns;
+    }
+  }
+  const std::string path = cache_ + "/" + rig().cameras[static_cast<std::size_t>(camera)].name +
+                           "_" + std::to_string(index) + ".jpg";
+  if (!cache_.empty()) image.pixels = cv::imread(path, cv::IMREAD_GRAYSCALE);
+  if (!image.pixels.empty()) return image;
+  const cv::Mat colour = simulator_.RenderImage(camera, index);
+  std::vector<uchar> jpeg;
+  cv::imencode(".jpg", colour, jpeg, {cv::IMWRITE_JPEG_QUALITY, kJpegQuality});
+  image.pixels = cv::imdecode(jpeg, cv::IMREAD_GRAYSCALE);
+  if (!cache_.empty()) {
+    std::ofstream(path, std::ios::binary)
+        .write(reinterpret_cast<const char*>(jpeg.data()),
+               static_cast<std::streamsize>(jpeg.size()));
+  }
+  return image;
 }
 
 }  // namespace scenecalib

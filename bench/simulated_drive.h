@@ -18,7 +18,10 @@ struct DriveSpec {
   int rings = 64;
   int columns = 1024;
   double speed_m_s = 8.0;
-  /// Scans once cast are kept here as files and read again by a later run; empty: not kept.
+  std::string rig;  ///< rig file; empty: DefaultRig()
+  SimulatedStartOptions start;
+  /// Scans and images once made are kept here as files and read again by a later run; empty: not
+  /// kept.
   std::string cache_directory;
 };
 
@@ -34,6 +37,8 @@ class SimulatedDrive {
   const Rig& rig() const { return simulator_.true_rig(); }
   int num_scans() const { return simulator_.num_scans(); }
   LidarScan Scan(int index) const;
+  /// Grey, as decoded from the JPEG that a recording holds.
+  GrayImage Image(int camera, int index) const;
   const std::vector<ImuSample>& imu() const { return imu_; }
   const std::vector<OdometrySample>& odometry() const { return odometry_; }
 

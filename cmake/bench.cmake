@@ -5,7 +5,8 @@ find_package(CLI11 REQUIRED)
 
 add_library(scenecalib_bench bench/simulated_drive.cc)
 target_include_directories(scenecalib_bench PUBLIC ${CMAKE_CURRENT_SOURCE_DIR})
-target_link_libraries(scenecalib_bench PUBLIC scenecalib_simulation scenecalib_pipeline)
+target_link_libraries(scenecalib_bench PUBLIC scenecalib_simulation scenecalib_pipeline
+  opencv_imgcodecs opencv_imgproc)
 target_compile_options(scenecalib_bench PRIVATE -Wall -Wextra -Wpedantic)
 
 file(GLOB programs CONFIGURE_DEPENDS bench/*_bench.cc bench/*_main.cc)

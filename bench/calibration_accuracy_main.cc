@@ -1,0 +1,138 @@
+// Accuracy of the whole calibration against the simulator's exact truth, per drive and camera, with
+// the errors of the cross-camera matches.
+
+#include <CLI/CLI.hpp>
+#include <cmath>
+#include <cstdio>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "bench/simulated_drive.h"
+#include "scenecalib/base/log.h"
+#include "scenecalib/evaluation/rig_comparison.h"
+#include "scenecalib/evaluation/trajectory_error.h"
+#include "scenecalib/io/options_yaml.h"
+#include "scenecalib/pipeline/calibration_pipeline.h"
+
+namespace scenecalib {
+namespace {
+
+constexpr double kDegrees = 180.0 / M_PI;
+
+struct Arguments {
+  std::vector<std::string> worlds = {"street", "suburb", "plaza"};
+  std::vector<int> seeds = {1};
+  DriveSpec drive;
+  std::string config;
+  bool true_trajectory = false;
+  bool true_intrinsics = false;
+};
+
+Result<PipelineResult> Calibrate(const SimulatedDrive& drive, const Rig& initial,
+                                 const PipelineOptions& options, bool true_trajectory) {
+  Result<CalibrationPipeline> pipeline = CalibrationPipeline::Create(initial, options);
+  if (!pipeline.ok()) return pipeline.status();
+  for (const ImuSample& sample : drive.imu()) pipeline->AddImu(sample);
+  for (const OdometrySample& sample : drive.odometry()) pipeline->AddOdometry(sample);
+  for (int i = 0; i < drive.num_scans(); ++i) {
+    SCENECALIB_RETURN_IF_ERROR(pipeline->AddScan(drive.Scan(i)));
+  }
+  for (int c = 0; c < static_cast<int>(initial.cameras.size()); ++c) {
+    for (int i = 0; i < drive.simulator().num_images(c); ++i) {
+      SCENECALIB_RETURN_IF_ERROR(pipeline->AddImage(c, drive.Image(c, i)));
+    }
+  }
+  std::optional<Trajectory> known;
+  if (true_trajectory) known = drive.simulator().true_map_from_lidar();
+  return pipeline->Run({}, known);
+}
+
+Status Report(const SimulatedDrive& drive, const PipelineResult& result) {
+  const auto errors = CompareRigs(drive.rig(), result.calibration.result.rig);
+  if (!errors.ok()) return errors.status();
+  for (std::size_t c = 0; c < errors->size(); ++c) {
+    const CameraError& error = (*errors)[c];
+    const CameraQuality& quality = result.calibration.result.cameras[c];
+    std::printf(
+        "  %-8s %s %.4f deg  %5.2f mm  %.3f px  f %+.5f  pp %+.2f %+.2f  inliers %d cross %d\n",
+        error.name.c_str(), quality.accepted ? "accepted" : "REFUSED ",
+        kDegrees * error.rotation_rad.norm(), 1e3 * error.translation_m.norm(),
+        error.reprojection_rms_px, error.focal_scale, error.principal_point_px.x(),
+        error.principal_point_px.y(), quality.num_inlier_tracks, quality.num_cross_camera_matches);
+    const Eigen::Array3d rotation =
+        error.rotation_rad.array() / quality.stddev.rotation_rad.array();
+    const Eigen::Array3d translation =
+        error.translation_m.array() / quality.stddev.translation_m.array();
+    std::printf("           error / stddev: %+.1f %+.1f %+.1f  %+.1f %+.1f %+.1f\n", rotation[0],
+                rotation[1], rotation[2], translation[0], translation[1], translation[2]);
+    for (const std::string& reason : quality.reasons)
+      std::printf("           %s\n", reason.c_str());
+  }
+  std::printf("  ");
+  for (const StageCost& cost : result.costs) {
+    std::printf("%s %.1f s; ", cost.stage.c_str(), cost.wall_s);
+  }
+  std::printf("\n");
+  std::fflush(stdout);
+  return Status::Ok();
+}
+
+Status Run(const DriveSpec& spec, const Arguments& arguments) {
+  PipelineOptions options;
+  if (!arguments.config.empty()) {
+    SCENECALIB_RETURN_IF_ERROR(ReadOptionsYaml(arguments.config, &options));
+  }
+  const Result<SimulatedDrive> drive = SimulatedDrive::Create(spec);
+  if (!drive.ok()) return drive.status();
+  Result<Rig> initial = drive->simulator().PerturbedRig();
+  if (!initial.ok()) return initial.status();
+  if (arguments.true_intrinsics) {
+    options.calibration.hold_intrinsics = true;
+    for (std::size_t c = 0; c < initial->cameras.size(); ++c) {
+      initial->cameras[c].model = drive->rig().cameras[c].model;
+    }
+  }
+  const Result<PipelineResult> result =
+      Calibrate(*drive, *initial, options, arguments.true_trajectory);
+  if (!result.ok()) return result.status();
+  std::printf("%s%s%s\n", Describe(spec).c_str(),
+              arguments.true_trajectory ? ", true trajectory" : "",
+              arguments.true_intrinsics ? ", true intrinsics held" : "");
+  return Report(*drive, *result);
+}
+
+}  // namespace
+}  // namespace scenecalib
+
+int main(int argc, char** argv) {
+  CLI::App app("Accuracy of the calibration on simulated drives.");
+  scenecalib::Arguments arguments;
+  app.add_option("--world", arguments.worlds, "street, suburb, plaza");
+  app.add_option("--seed", arguments.seeds, "of the worlds and drives");
+  app.add_option("--rig", arguments.drive.rig, "rig file (default: the built-in rig)");
+  app.add_option("--drive", arguments.drive.drive, "turns, gentle or straight");
+  app.add_option("--duration", arguments.drive.duration_s, "seconds");
+  app.add_option("--start-deg", arguments.drive.start.rotation_deg, "initial error per axis");
+  app.add_option("--start-m", arguments.drive.start.translation_m, "initial error per axis");
+  app.add_option("--config", arguments.config, "options of the pipeline, YAML");
+  app.add_option("--cache", arguments.drive.cache_directory, "directory to keep the drives in");
+  app.add_flag("--true-trajectory", arguments.true_trajectory, "instead of the estimated one");
+  app.add_flag("--true-intrinsics", arguments.true_intrinsics, "given and held");
+  CLI11_PARSE(app, argc, argv);
+  scenecalib::SetLogSink([](scenecalib::LogSeverity, const std::string& message) {
+    std::fprintf(stderr, "%s\n", message.c_str());
+  });
+  for (const std::string& world : arguments.worlds) {
+    for (const int seed : arguments.seeds) {
+      arguments.drive.world = world;
+      arguments.drive.seed = seed;
+      const scenecalib::Status status = scenecalib::Run(arguments.drive, arguments);
+      if (!status.ok()) {
+        std::fprintf(stderr, "%s\n", status.message().c_str());
+        return 1;
+      }
+    }
+  }
+  return 0;
+}
