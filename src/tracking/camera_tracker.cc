@@ -5,12 +5,40 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "scenecalib/tracking/live_tracker.h"
 #include "scenecalib/tracking/reference_registration.h"
 #include "scenecalib/tracking/track_verification.h"
 
 namespace scenecalib {
+
+namespace {
+
+/// Median over a dozen of the images.
+ImageQuality TypicalQuality(const std::map<Timestamp, cv::Mat>& images, const cv::Mat& mask) {
+  constexpr std::size_t kNumImages = 12;
+  const std::size_t stride = std::max<std::size_t>(1, images.size() / kNumImages);
+  std::vector<double> noise;
+  std::vector<double> contrast;
+  std::size_t i = 0;
+  for (const auto& [stamp_ns, image] : images) {
+    if (i++ % stride != 0) continue;
+    const ImageQuality quality = MeasureImageQuality(image, mask);
+    noise.push_back(quality.noise_levels);
+    contrast.push_back(quality.contrast);
+  }
+  ImageQuality typical;
+  if (noise.empty()) return typical;
+  const auto middle = static_cast<std::ptrdiff_t>(noise.size() / 2);
+  std::nth_element(noise.begin(), noise.begin() + middle, noise.end());
+  std::nth_element(contrast.begin(), contrast.begin() + middle, contrast.end());
+  typical.noise_levels = noise[static_cast<std::size_t>(middle)];
+  typical.contrast = contrast[static_cast<std::size_t>(middle)];
+  return typical;
+}
+
+}  // namespace
 
 struct CameraTracker::Impl {
   std::string name;
@@ -108,9 +136,10 @@ CameraSegment CameraTracker::Segment() const {
                                std::to_string(impl.num_images_in) + " images are black");
   }
   const VerificationOptions& verification = impl.options.verification;
-  segment.tracks =
-      RegisterAgainstReference(impl.live->Tracks(), impl.images, impl.live->Mask(),
-                               verification.min_observations, impl.options.registration);
+  const cv::Mat mask = impl.live->Mask();
+  segment.tracks = RegisterAgainstReference(
+      impl.live->Tracks(), impl.images, mask, TypicalQuality(impl.images, mask),
+      verification.min_observations, impl.options.registration);
   VerifyTracks(*impl.model, verification, &segment.tracks);
   if (segment.tracks.empty()) {
     segment.warnings.push_back(impl.name + ": no feature could be tracked in " +

@@ -16,6 +16,11 @@
 namespace scenecalib {
 namespace {
 
+/// Noise that reading through the B-spline kernel leaves, as a share of the pixels' own.
+constexpr double kSmoothedNoise = 0.5;
+
+constexpr double kPartConvergencePx = 0.03;
+
 /// Observations [begin, end) that share a reference.
 struct Span {
   int begin = 0;
@@ -52,10 +57,14 @@ Span ChooseReference(const LiveTrack& track, int begin, int end, double max_scal
 class TrackRegistrar {
  public:
   TrackRegistrar(const LiveTrack& live, const std::map<Timestamp, cv::Mat>& images,
-                 const cv::Mat& mask, int min_observations, const RegistrationOptions& options)
+                 const cv::Mat& mask, const ImageQuality& quality, int min_observations,
+                 const RegistrationOptions& options)
       : live_(live),
         images_(images),
         mask_(mask),
+        max_residual_levels_(
+            std::hypot(options.max_residual_noise * kSmoothedNoise * quality.noise_levels,
+                       options.max_residual_contrast * quality.contrast)),
         min_observations_(min_observations),
         options_(options) {}
 
@@ -91,24 +100,32 @@ class TrackRegistrar {
                                              options_.radius_px, WarpFreedom::kAffine);
     if (!patch) return;
     const Eigen::Matrix2d first_from_reference = reference.affine_from_first.inverse();
+    std::map<int, PatchMatch> matches;
+    for (int i = span.begin; i < span.end; ++i) {
+      if (i == span.reference) continue;
+      const LiveObservation& live = live_.observations[i];
+      PatchWarp initial;
+      initial.affine = live.affine_from_first * first_from_reference;
+      initial.center_px = live.pixel + initial.affine * (center_px - reference.pixel);
+      const auto match = Match(*patch, initial, live.stamp_ns);
+      if (match) matches.emplace(i, *match);
+    }
+    DropWherePartsDisagree(reference, center_px, &matches);
     Eigen::Matrix2d covariance_sum = Eigen::Matrix2d::Zero();
     for (int i = span.begin; i < span.end; ++i) {
-      const LiveObservation& live = live_.observations[i];
       TrackObservation observation;
-      observation.stamp_ns = live.stamp_ns;
+      observation.stamp_ns = live_.observations[i].stamp_ns;
+      const auto match = matches.find(i);
       if (i == span.reference) {
         observation.pixel = center_px;
         track->reference = static_cast<int>(track->observations.size());
+      } else if (match != matches.end()) {
+        observation.pixel = match->second.warp.center_px;
+        observation.covariance_px2 = match->second.covariance_px2;
+        const Eigen::Matrix2d to_reference = match->second.warp.affine.inverse();
+        covariance_sum += to_reference * observation.covariance_px2 * to_reference.transpose();
       } else {
-        PatchWarp initial;
-        initial.affine = live.affine_from_first * first_from_reference;
-        initial.center_px = live.pixel + initial.affine * (center_px - reference.pixel);
-        const auto match = Match(*patch, initial, live.stamp_ns);
-        if (!match) continue;
-        observation.pixel = match->warp.center_px;
-        observation.covariance_px2 = match->covariance_px2;
-        const Eigen::Matrix2d to_reference = match->warp.affine.inverse();
-        covariance_sum += to_reference * match->covariance_px2 * to_reference.transpose();
+        continue;
       }
       track->observations.push_back(observation);
       *first = std::min(*first, i);
@@ -120,12 +137,54 @@ class TrackRegistrar {
     }
   }
 
+  /// Takes sightings off both ends as long as the patch's quarters disagree there: parallax grows
+  /// with the distance from the reference view.
+  void DropWherePartsDisagree(const LiveObservation& reference, const Eigen::Vector2d& center_px,
+                              std::map<int, PatchMatch>* matches) const {
+    const int part_radius_px = options_.radius_px / 2;
+    std::vector<std::pair<Eigen::Vector2d, PatchTemplate>> parts;
+    for (const double x : {-1.0, 1.0}) {
+      for (const double y : {-1.0, 1.0}) {
+        const Eigen::Vector2d offset = part_radius_px * Eigen::Vector2d(x, y);
+        auto part = PatchTemplate::Create(images_.at(reference.stamp_ns), center_px + offset,
+                                          part_radius_px, WarpFreedom::kShift);
+        if (part) parts.emplace_back(offset, std::move(*part));
+      }
+    }
+    const auto disagree = [&](const std::pair<const int, PatchMatch>& entry) {
+      const cv::Mat& image = images_.at(live_.observations[entry.first].stamp_ns);
+      for (const auto& [offset, part] : parts) {
+        PatchWarp initial = entry.second.warp;
+        initial.center_px = entry.second.warp(offset);
+        const auto match = part.Register(
+            image, initial,
+            {options_.max_iterations, kPartConvergencePx, 2.0 * options_.max_part_shift_px});
+        if (!match ||
+            (match->warp.center_px - initial.center_px).norm() > options_.max_part_shift_px) {
+          return true;
+        }
+      }
+      return false;
+    };
+    const auto is_after = [&](const std::pair<const int, PatchMatch>& entry) {
+      return live_.observations[entry.first].stamp_ns > reference.stamp_ns;
+    };
+    while (!matches->empty() && !is_after(*matches->begin()) && disagree(*matches->begin())) {
+      matches->erase(matches->begin());
+    }
+    while (!matches->empty() && is_after(*matches->rbegin()) && disagree(*matches->rbegin())) {
+      matches->erase(std::prev(matches->end()));
+    }
+  }
+
   std::optional<PatchMatch> Match(const PatchTemplate& patch, const PatchWarp& initial,
                                   Timestamp stamp_ns) const {
     const PatchRegistrationLimits limits{options_.max_iterations, options_.convergence_px,
                                          options_.max_correction_px};
     auto match = patch.Register(images_.at(stamp_ns), initial, limits);
-    if (!match || match->ncc < options_.min_ncc || !IsAllowed(match->warp.center_px) ||
+    if (!match || match->ncc < options_.min_ncc ||
+        match->residual_sigma > max_residual_levels_ * std::hypot(1.0, match->gain) ||
+        !IsAllowed(match->warp.center_px) ||
         ScaleChange(match->warp.affine) > 1.2 * options_.max_scale) {
       return std::nullopt;
     }
@@ -145,6 +204,7 @@ class TrackRegistrar {
   const LiveTrack& live_;
   const std::map<Timestamp, cv::Mat>& images_;
   const cv::Mat& mask_;
+  const double max_residual_levels_;  ///< that each of the two images may contribute
   const int min_observations_;
   const RegistrationOptions& options_;
   std::vector<Track> tracks_;
@@ -165,16 +225,18 @@ double ScaleChange(const Eigen::Matrix2d& affine) {
 
 std::vector<Track> RegisterAgainstReference(const std::vector<LiveTrack>& live_tracks,
                                             const std::map<Timestamp, cv::Mat>& images,
-                                            const cv::Mat& mask, int min_observations,
+                                            const cv::Mat& mask, const ImageQuality& quality,
+                                            int min_observations,
                                             const RegistrationOptions& options) {
   std::vector<std::vector<Track>> parts(live_tracks.size());
-  tbb::parallel_for(
-      tbb::blocked_range<std::size_t>(0, live_tracks.size(), 16),
-      [&](const tbb::blocked_range<std::size_t>& range) {
-        for (std::size_t i = range.begin(); i < range.end(); ++i) {
-          parts[i] = TrackRegistrar(live_tracks[i], images, mask, min_observations, options).Run();
-        }
-      });
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, live_tracks.size(), 16),
+                    [&](const tbb::blocked_range<std::size_t>& range) {
+                      for (std::size_t i = range.begin(); i < range.end(); ++i) {
+                        parts[i] = TrackRegistrar(live_tracks[i], images, mask, quality,
+                                                  min_observations, options)
+                                       .Run();
+                      }
+                    });
   std::vector<Track> tracks;
   for (auto& part : parts) {
     std::move(part.begin(), part.end(), std::back_inserter(tracks));

@@ -140,7 +140,9 @@ std::vector<Track> RegisterAffine(const RoadScene& scene) {
   }
   RegistrationOptions options;
   const cv::Mat mask(300, 400, CV_8UC1, cv::Scalar(255));
-  return RegisterAgainstReference(live, scene.images, mask, 3, options);
+  return RegisterAgainstReference(live, scene.images, mask,
+                                  MeasureImageQuality(scene.images.begin()->second, mask), 3,
+                                  options);
 }
 
 TEST(WarpThroughPlane, AgreesWithTracingEveryPixelOfThePatch) {

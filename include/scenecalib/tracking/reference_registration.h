@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "scenecalib/base/timestamp.h"
+#include "scenecalib/tracking/image_quality.h"
 #include "scenecalib/tracking/track.h"
 #include "scenecalib/tracking/tracking_options.h"
 
@@ -31,18 +32,21 @@ double ScaleChange(const Eigen::Matrix2d& affine);
 
 /// The final tracks: every observation registered directly, with a free affine warp, gain and bias,
 /// against the patch of one reference view near the middle of its track, so that no error can
-/// accumulate along the track. Observations that do not match the reference are dropped; where the
+/// accumulate along the track. Observations that do not match the reference are dropped, among them
+/// those that leave a residual beyond noise or whose quarters disagree: there the patch straddles a
+/// depth edge, and what it follows is not what lies at its centre. Where the
 /// scale changes too much for one reference the track is split, and the parts are separate tracks
 /// (they see points near each other, but not the same one). The scene point of a track is the whole
 /// pixel nearest to where the live tracker was in the reference view.
 ///
 /// Ids are live id * kMaxTrackParts + part. Parallel over tracks; the result does not depend on the
-/// number of threads. `mask` is zero where an observation may not lie; every stamp must have its
-/// image.
+/// number of threads. `quality` is what the images are worth on the whole; `mask` is zero where an
+/// observation may not lie; every stamp must have its image.
 constexpr int kMaxTrackParts = 8;
 std::vector<Track> RegisterAgainstReference(const std::vector<LiveTrack>& live_tracks,
                                             const std::map<Timestamp, cv::Mat>& images,
-                                            const cv::Mat& mask, int min_observations,
+                                            const cv::Mat& mask, const ImageQuality& quality,
+                                            int min_observations,
                                             const RegistrationOptions& options);
 
 }  // namespace scenecalib

@@ -58,6 +58,9 @@ struct RegistrationOptions {
   double max_sigma_px = 0.3;
   double sigma_floor_px = 0.02;
   double noise_correlation = 4.0;
+  double max_residual_noise = 2.0;
+  double max_residual_contrast = 0.05;
+  double max_part_shift_px = 0.6;
 
   void Visit(OptionVisitor& v) {
     v.Field("live_radius_px", &live_radius_px, {3, 30},
@@ -80,6 +83,14 @@ struct RegistrationOptions {
             "error of a registration that its residual does not show, added to its covariance");
     v.Field("noise_correlation", &noise_correlation, {1, 100},
             "by how much neighbouring residuals' correlation inflates the covariance");
+    v.Field("max_residual_noise", &max_residual_noise, {0, 100},
+            "an observation may differ from its reference by this multiple of the image noise "
+            "(both as deviations)...");
+    v.Field("max_residual_contrast", &max_residual_contrast, {0, 1},
+            "...and this share of the image's contrast, squares added: more means that the patch "
+            "holds things at different depths");
+    v.Field("max_part_shift_px", &max_part_shift_px, {0.05, 100},
+            "how far a quarter of the patch may lie from where the whole patch puts it");
   }
 };
 

@@ -1,0 +1,259 @@
+// Accuracy of the feature tracks against the simulator's exact flow: the true scene point of a
+// track's first view, carried along by what it belongs to, projected into the other views.
+// Four cameras of 30, 70, 120 and 200 degrees on one drive; one block of figures per camera.
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <ctime>
+#include <filesystem>
+#include <map>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+#include <string>
+#include <vector>
+
+#include "scenecalib/base/random.h"
+#include "scenecalib/io/options_yaml.h"
+#include "scenecalib/sensor/camera_factory.h"
+#include "scenecalib/simulation/simulator.h"
+#include "scenecalib/tracking/camera_tracker.h"
+
+namespace scenecalib {
+namespace {
+
+struct Arguments {
+  SimulationOptions simulation;
+  std::vector<std::string> cameras = {"narrow", "front", "left", "fisheye"};
+  std::string cache_directory;
+  std::string config;
+  double night_stops = 0.0;
+  double night_noise_levels = 3.0;
+};
+
+/// The default rig and a camera of 30 degrees beside the front one.
+Result<Rig> RigWithNarrowCamera() {
+  Result<Rig> rig = DefaultRig();
+  if (!rig.ok()) return rig.status();
+  CameraConfig narrow = rig->cameras.front();
+  narrow.name = "narrow";
+  narrow.image_topic = "/narrow/image_raw/compressed";
+  narrow.frame_id = "narrow_optical";
+  CameraIntrinsics intrinsics = narrow.model->intrinsics();
+  intrinsics.focal_px = {1791.0, 1792.0};
+  intrinsics.distortion = {-0.02, 0.01, 0.0002, -0.0002, 0.0};
+  const auto model = CreateCameraModel(intrinsics);
+  if (!model.ok()) return model.status();
+  narrow.model = *model;
+  rig->cameras.insert(rig->cameras.begin(), narrow);
+  return rig;
+}
+
+/// One camera's images with their true exposure times.
+struct Footage {
+  std::vector<GrayImage> images;
+  std::map<Timestamp, Timestamp> exposure_ns;  ///< by stamp
+};
+
+/// Exposure down by some stops, under a response of gamma 2.2; sensor noise on top.
+cv::Mat AtNight(const cv::Mat& day, double stops, double noise_levels, int seed) {
+  const double scale = std::pow(2.0, -stops / 2.2);
+  Random random(static_cast<std::uint64_t>(seed) + 77);
+  cv::Mat night(day.size(), CV_8UC1);
+  for (int y = 0; y < day.rows; ++y) {
+    for (int x = 0; x < day.cols; ++x) {
+      const double level = scale * day.at<uchar>(y, x) + noise_levels * random.Gaussian();
+      night.at<uchar>(y, x) = cv::saturate_cast<uchar>(level);
+    }
+  }
+  return night;
+}
+
+/// Images once rendered are kept as PNG files and read again by a later run.
+Footage Film(const Simulator& simulator, int camera, const Arguments& arguments) {
+  namespace fs = std::filesystem;
+  const SimulationOptions& options = arguments.simulation;
+  const std::string name = simulator.true_rig().cameras[static_cast<std::size_t>(camera)].name;
+  char folder[256];
+  std::snprintf(folder, sizeof(folder), "%s_%s_seed_%d_%.1f_s_%.1f_m_s_%.0f_hz_%d_cars_%s",
+                options.world.kind.c_str(), options.drive.kind.c_str(), options.seed,
+                options.duration_s, options.drive.speed_m_s, options.camera.rate_hz,
+                options.world.num_moving_cars, name.c_str());
+  const fs::path directory = fs::path(arguments.cache_directory) / folder;
+  if (!arguments.cache_directory.empty()) fs::create_directories(directory);
+  Footage footage;
+  for (const ScheduledMeasurement& measurement : simulator.schedule()) {
+    if (measurement.kind != MeasurementKind::kImage || measurement.camera != camera) continue;
+    const std::string file = (directory / (std::to_string(measurement.index) + ".png")).string();
+    cv::Mat pixels;
+    if (!arguments.cache_directory.empty()) pixels = cv::imread(file, cv::IMREAD_GRAYSCALE);
+    if (pixels.empty()) {
+      pixels = simulator.RenderImage(camera, measurement.index);
+      if (!arguments.cache_directory.empty()) {
+        cv::imwrite(file, pixels, {cv::IMWRITE_PNG_COMPRESSION, 1});
+      }
+    }
+    if (arguments.night_stops > 0.0) {
+      pixels =
+          AtNight(pixels, arguments.night_stops, arguments.night_noise_levels, measurement.index);
+    }
+    footage.images.push_back({measurement.stamp_ns, pixels});
+    footage.exposure_ns[measurement.stamp_ns] = measurement.exposure_ns;
+  }
+  return footage;
+}
+
+double Quantile(std::vector<double> values, double share) {
+  if (values.empty()) return std::nan("");
+  const auto index = static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), values.begin() + index, values.end());
+  return values[static_cast<std::size_t>(index)];
+}
+
+/// What the truth says of one camera's tracks.
+struct Judgement {
+  std::vector<double> error_px;             ///< of every observation but the first of its track
+  std::map<int, std::vector<double>> aged;  ///< error by observations since the first
+  std::vector<double> normalised;  ///< squared error by stated covariance, per degree of freedom
+  int num_tracks = 0;
+  int num_judged = 0;
+  int num_gross = 0;   ///< with an observation off by over 2 px
+  int num_moving = 0;  ///< on moving cars
+  int num_own_vehicle = 0;
+  std::map<Timestamp, int> live;
+  double length_sum = 0.0;
+};
+
+Judgement Judge(const Simulator& simulator, int camera, const Footage& footage,
+                const std::vector<Track>& tracks) {
+  const CameraConfig& config = simulator.true_rig().cameras[static_cast<std::size_t>(camera)];
+  Judgement judgement;
+  for (const Track& track : tracks) {
+    ++judgement.num_tracks;
+    judgement.length_sum += static_cast<double>(track.observations.size());
+    for (const TrackObservation& o : track.observations) ++judgement.live[o.stamp_ns];
+    const TrackObservation& first = track.observations.front();
+    const Timestamp from_ns = footage.exposure_ns.at(first.stamp_ns);
+    const auto point = simulator.TrueScenePoint(camera, from_ns, first.pixel);
+    if (!point) continue;
+    ++judgement.num_judged;
+    judgement.num_moving += point->is_moving ? 1 : 0;
+    judgement.num_own_vehicle += point->is_own_vehicle ? 1 : 0;
+    bool is_gross = false;
+    for (std::size_t k = 1; k < track.observations.size(); ++k) {
+      const TrackObservation& observation = track.observations[k];
+      const Timestamp to_ns = footage.exposure_ns.at(observation.stamp_ns);
+      const auto moved = simulator.PointAtTime(*point, from_ns, to_ns);
+      const auto map_from_lidar = simulator.MapFromLidar(to_ns);
+      if (!moved || !map_from_lidar) continue;
+      const auto pixel =
+          config.model->Project((*map_from_lidar * config.lidar_from_camera).Inverse() * *moved);
+      const Eigen::Vector2d error =
+          pixel ? Eigen::Vector2d(*pixel - observation.pixel) : Eigen::Vector2d(1e3, 1e3);
+      judgement.error_px.push_back(error.norm());
+      judgement.aged[static_cast<int>(k)].push_back(error.norm());
+      const Eigen::Matrix2d covariance = observation.covariance_px2 + first.covariance_px2;
+      judgement.normalised.push_back(0.5 * error.dot(covariance.inverse() * error));
+      is_gross = is_gross || error.norm() > 2.0;
+    }
+    judgement.num_gross += is_gross ? 1 : 0;
+  }
+  return judgement;
+}
+
+void Print(const std::string& name, const Judgement& judgement, int num_images, double add_ms,
+           double segment_ms) {
+  const double tracks = std::max(1, judgement.num_tracks);
+  std::vector<double> live;
+  double live_sum = 0.0;
+  for (const auto& [stamp_ns, count] : judgement.live) {
+    live.push_back(count);
+    live_sum += count;
+  }
+  std::printf("%s: %d tracks, mean length %.1f, live a frame mean %.0f min %.0f\n", name.c_str(),
+              judgement.num_tracks, judgement.length_sum / tracks, live_sum / num_images,
+              Quantile(live, 0.0));
+  std::printf(
+      "  error px median %.3f 95%% %.3f; tracks off by over 2 px %.2f %%; moving %.2f %%, "
+      "own vehicle %d\n",
+      Quantile(judgement.error_px, 0.5), Quantile(judgement.error_px, 0.95),
+      100.0 * judgement.num_gross / std::max(1, judgement.num_judged),
+      100.0 * judgement.num_moving / tracks, judgement.num_own_vehicle);
+  std::printf("  95%% by observation:");
+  for (const int age : {1, 2, 4, 9, 14, 19, 29}) {
+    const auto aged = judgement.aged.find(age);
+    if (aged == judgement.aged.end()) continue;
+    std::printf("  %d: %.3f (%zu)", age + 1, Quantile(aged->second, 0.95), aged->second.size());
+  }
+  std::printf("\n  error^2 / stated variance, median %.2f (1.39/2 = 0.69 if honest)",
+              Quantile(judgement.normalised, 0.5));
+  std::printf("; CPU ms a frame: live %.1f, final %.1f\n", add_ms, segment_ms);
+  std::fflush(stdout);
+}
+
+double CpuMs() { return 1e3 * static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
+
+Status Run(const Arguments& arguments) {
+  TrackingOptions options;
+  if (!arguments.config.empty()) {
+    SCENECALIB_RETURN_IF_ERROR(ReadOptionsYaml(arguments.config, &options));
+  }
+  const Result<Rig> rig = RigWithNarrowCamera();
+  if (!rig.ok()) return rig.status();
+  const Result<Simulator> simulator = Simulator::Create(*rig, arguments.simulation);
+  if (!simulator.ok()) return simulator.status();
+  for (int c = 0; c < static_cast<int>(rig->cameras.size()); ++c) {
+    const CameraConfig& camera = rig->cameras[static_cast<std::size_t>(c)];
+    // All cameras are simulated, whichever are looked at: each draws its clock from one stream.
+    if (std::find(arguments.cameras.begin(), arguments.cameras.end(), camera.name) ==
+        arguments.cameras.end()) {
+      continue;
+    }
+    const Footage footage = Film(*simulator, c, arguments);
+    const auto num_images = static_cast<int>(footage.images.size());
+    CameraTracker tracker(camera.name, camera.model, options);
+    const double start_ms = CpuMs();
+    for (const GrayImage& image : footage.images) {
+      const Result<FrameTracking> frame = tracker.AddImage(image);
+      if (!frame.ok()) return frame.status();
+    }
+    const double added_ms = CpuMs();
+    const CameraSegment segment = tracker.Segment();
+    const double done_ms = CpuMs();
+    Print(camera.name, Judge(*simulator, c, footage, segment.tracks), num_images,
+          (added_ms - start_ms) / num_images, (done_ms - added_ms) / num_images);
+    for (const std::string& warning : segment.warnings) std::printf("  %s\n", warning.c_str());
+  }
+  return Status::Ok();
+}
+
+}  // namespace
+}  // namespace scenecalib
+
+int main(int argc, char** argv) {
+  CLI::App app("Accuracy of feature tracks on a simulated drive.");
+  scenecalib::Arguments arguments;
+  scenecalib::SimulationOptions& simulation = arguments.simulation;
+  simulation.duration_s = 4.0;
+  simulation.camera.color = false;
+  app.add_option("--camera", arguments.cameras, "narrow, front, left, fisheye");
+  app.add_option("--world", simulation.world.kind, "street, suburb, plaza");
+  app.add_option("--drive", simulation.drive.kind, "turns, gentle or straight");
+  app.add_option("--seed", simulation.seed, "of the world and drive");
+  app.add_option("--duration", simulation.duration_s, "seconds");
+  app.add_option("--speed", simulation.drive.speed_m_s, "mean, m/s");
+  app.add_option("--rate", simulation.camera.rate_hz, "images per second");
+  app.add_option("--cars", simulation.world.num_moving_cars, "that drive");
+  app.add_option("--night", arguments.night_stops, "stops by which the exposure is down");
+  app.add_option("--night-noise", arguments.night_noise_levels, "grey levels, at night");
+  app.add_option("--cache", arguments.cache_directory, "directory to keep the images in");
+  app.add_option("--config", arguments.config, "overrides of the tracking options");
+  CLI11_PARSE(app, argc, argv);
+  const scenecalib::Status status = scenecalib::Run(arguments);
+  if (!status.ok()) {
+    std::fprintf(stderr, "%s\n", status.message().c_str());
+    return 1;
+  }
+  return 0;
+}

@@ -1,0 +1,61 @@
+#include "scenecalib/tracking/image_quality.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <vector>
+
+namespace scenecalib {
+namespace {
+
+constexpr double kNumSamples = 20000.0;
+/// Median of the absolute value of a normal variable, in standard deviations.
+constexpr double kMedianOfNormal = 0.6745;
+/// Norm of the mask [1 -2 1; -2 4 -2; 1 -2 1].
+constexpr double kMixedDifferenceNorm = 6.0;
+
+}  // namespace
+
+ImageQuality MeasureImageQuality(const cv::Mat& image, const cv::Mat& mask) {
+  ImageQuality quality;
+  const double area = static_cast<double>(image.cols) * image.rows;
+  const int step = std::max(1, static_cast<int>(std::sqrt(area / kNumSamples)));
+  std::vector<int> histogram(16 * 255 + 1, 0);
+  double sum = 0.0;
+  double square_sum = 0.0;
+  double gradient_sum = 0.0;
+  int count = 0;
+  for (int y = 1; y + 1 < image.rows; y += step) {
+    const uchar* above = image.ptr<uchar>(y - 1);
+    const uchar* row = image.ptr<uchar>(y);
+    const uchar* below = image.ptr<uchar>(y + 1);
+    const uchar* allowed = mask.empty() ? nullptr : mask.ptr<uchar>(y);
+    for (int x = 1; x + 1 < image.cols; x += step) {
+      if (allowed != nullptr && allowed[x] == 0) continue;
+      sum += row[x];
+      square_sum += row[x] * row[x];
+      gradient_sum += 0.25 * (std::abs(row[x + 1] - row[x - 1]) + std::abs(below[x] - above[x]));
+      const int mixed = above[x - 1] + above[x + 1] + below[x - 1] + below[x + 1] + 4 * row[x] -
+                        2 * (above[x] + below[x] + row[x - 1] + row[x + 1]);
+      ++histogram[static_cast<std::size_t>(std::abs(mixed))];
+      ++count;
+    }
+  }
+  if (count == 0) return quality;
+  quality.mean = sum / count;
+  quality.contrast = std::sqrt(std::max(0.0, square_sum / count - quality.mean * quality.mean));
+  int below_median = 0;
+  std::size_t median = 0;
+  while (2 * (below_median + histogram[median]) < count) below_median += histogram[median++];
+  // Within the median's bin, so that low noise does not come in steps.
+  const double within =
+      histogram[median] > 0 ? (0.5 * count - below_median) / histogram[median] - 0.5 : 0.0;
+  quality.noise_levels = std::max(0.0, static_cast<double>(median) + within) /
+                         (kMedianOfNormal * kMixedDifferenceNorm);
+  // Noise alone: two differences of deviation sqrt(2) noise, of which 0.25 |.| is taken.
+  const double noise_gradient = 0.5 * std::sqrt(2.0) * 0.7979 * quality.noise_levels;
+  quality.sharpness = std::max(0.0, gradient_sum / count - noise_gradient);
+  return quality;
+}
+
+}  // namespace scenecalib

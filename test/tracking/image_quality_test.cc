@@ -1,0 +1,62 @@
+#include "scenecalib/tracking/image_quality.h"
+
+#include <gtest/gtest.h>
+
+#include <opencv2/imgproc.hpp>
+
+#include "tracking/synthetic_scene.h"
+
+namespace scenecalib {
+namespace {
+
+using testing::Render;
+using testing::Texture;
+
+/// Deviation of an even distribution over one grey level, which rounding adds to every image.
+constexpr double kRoundingLevels = 0.29;
+
+TEST(ImageQuality, FindsTheNoiseUnderASmoothTexture) {
+  const Texture texture(3, 30.0, 200.0);
+  for (const double noise : {1.0, 2.0, 5.0}) {
+    const cv::Mat image = Render(
+        400, 300, [&](double x, double y) { return texture(x, y); }, noise, 7);
+    const ImageQuality quality = MeasureImageQuality(image, cv::Mat());
+    EXPECT_NEAR(quality.noise_levels, std::hypot(noise, kRoundingLevels), 0.1 * noise + 0.05);
+  }
+}
+
+TEST(ImageQuality, EdgesAreNotNoise) {
+  const cv::Mat image =
+      Render(400, 300, [](double x, double y) { return x + 0.3 * y < 150 ? 40.0 : 200.0; });
+  EXPECT_LT(MeasureImageQuality(image, cv::Mat()).noise_levels, 0.01);
+}
+
+TEST(ImageQuality, MeanAndContrastAreTheMaskedPixels) {
+  cv::Mat image(300, 400, CV_8UC1, cv::Scalar(0));
+  image.colRange(200, 400).setTo(100);
+  cv::Mat mask(300, 400, CV_8UC1, cv::Scalar(0));
+  mask.colRange(200, 400).setTo(255);
+  const ImageQuality right = MeasureImageQuality(image, mask);
+  EXPECT_DOUBLE_EQ(right.mean, 100.0);
+  EXPECT_DOUBLE_EQ(right.contrast, 0.0);
+  const ImageQuality all = MeasureImageQuality(image, cv::Mat());
+  EXPECT_NEAR(all.mean, 50.0, 1.5);
+  EXPECT_NEAR(all.contrast, 50.0, 0.1);
+  EXPECT_EQ(MeasureImageQuality(image, cv::Mat(300, 400, CV_8UC1, cv::Scalar(0))).mean, 0.0);
+}
+
+TEST(ImageQuality, BlurLowersSharpnessAndNoiseDoesNotRaiseIt) {
+  const Texture texture(3, 6.0, 30.0);
+  const auto at = [&](double x, double y) { return texture(x, y); };
+  const cv::Mat sharp = Render(400, 300, at);
+  const cv::Mat noisy = Render(
+      400, 300, [](double, double) { return 128.0; }, 4.0, 7);
+  cv::Mat blurred;
+  cv::GaussianBlur(sharp, blurred, {0, 0}, 3.0);
+  const double sharpness = MeasureImageQuality(sharp, cv::Mat()).sharpness;
+  EXPECT_LT(MeasureImageQuality(blurred, cv::Mat()).sharpness, 0.8 * sharpness);
+  EXPECT_LT(MeasureImageQuality(noisy, cv::Mat()).sharpness, 0.1 * sharpness);
+}
+
+}  // namespace
+}  // namespace scenecalib
