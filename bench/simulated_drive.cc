@@ -128,7 +128,9 @@ GrayImage SimulatedDrive::Image(int camera, int index) const {
   }
   const std::string path = cache_ + "/" + rig().cameras[static_cast<std::size_t>(camera)].name +
                            "_" + std::to_string(index) + ".jpg";
-  if (!cache_.empty()) image.pixels = cv::imread(path, cv::IMREAD_GRAYSCALE);
+  if (!cache_.empty() && fs::exists(path)) {
+    image.pixels = cv::imread(path, cv::IMREAD_GRAYSCALE);
+  }
   if (!image.pixels.empty()) return image;
   const cv::Mat colour = simulator_.RenderImage(camera, index);
   std::vector<uchar> jpeg;

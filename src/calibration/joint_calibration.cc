@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include "cross_camera_terms.h"
 #include "scenecalib/geometry/so3.h"
 #include "scenecalib/tracking/map_guided_registration.h"
 
@@ -170,13 +171,16 @@ Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& camera
   CalibrationProblem problem = MakeProblem(&joint, cameras, correction_prior, options);
   problem.hold_intrinsics.assign(cameras.size(), true);  // until the poses are good
   for (int round = 0; round < options.joint.num_rounds; ++round) {
-    problem.terms.clear();
+    joint.terms.clear();
     problem.time_offset_s = joint.time_offset_s;
     for (std::size_t c = 0; c < cameras.size(); ++c) {
       const std::vector<TransferTerm> terms =
           CollectTerms(&joint, static_cast<int>(c), map_from_lidar, caster, options);
-      problem.terms.insert(problem.terms.end(), terms.begin(), terms.end());
+      joint.terms.insert(joint.terms.end(), terms.begin(), terms.end());
     }
+    joint.cross_terms = BuildCrossTerms(joint.terms, map_from_lidar, options, &joint);
+    problem.terms = joint.terms;
+    problem.terms.insert(problem.terms.end(), joint.cross_terms.begin(), joint.cross_terms.end());
     const Result<SolveEvidence> solved = problem.Solve();
     if (!solved.ok()) return solved.status();
     joint.converged = solved->converged;
@@ -191,13 +195,18 @@ Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& camera
     }
     if (options.joint.register_through_map && round + 1 < options.joint.num_rounds) {
       for (std::size_t c = 0; c < cameras.size(); ++c) {
-        SCENECALIB_RETURN_IF_ERROR(RegisterAgain(cameras[c], static_cast<int>(c), problem.terms,
+        SCENECALIB_RETURN_IF_ERROR(RegisterAgain(cameras[c], static_cast<int>(c), joint.terms,
                                                  map_from_lidar, options, &joint));
       }
     }
+    if (round + 1 < options.joint.num_rounds) {
+      CrossCameraOptions matching = options.cross_camera;
+      if (round > 0) matching.search_px = std::min(matching.search_px, matching.search_again_px);
+      SCENECALIB_RETURN_IF_ERROR(
+          MatchCameras(cameras, map_from_lidar, caster, joint.terms, matching, &joint));
+    }
     if (after_round && !after_round()) return Status::Cancelled("calibration cancelled");
   }
-  joint.terms = std::move(problem.terms);
   return joint;
 }
 

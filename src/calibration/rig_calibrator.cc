@@ -242,6 +242,7 @@ class Finisher {
     const CameraConfig& config = initial_.cameras[camera];
     CameraQuality& quality = calibration_->result.cameras[camera];
     quality.num_inlier_tracks = joint.evidence[joint_camera].num_inlier_tracks;
+    quality.num_cross_camera_matches = joint.evidence[joint_camera].num_cross_camera_matches;
     quality.stddev = joint.stddev[joint_camera];
     std::vector<CameraParameters> initial_cameras = joint.cameras;
     initial_cameras[joint_camera] = InitialParameters(config);

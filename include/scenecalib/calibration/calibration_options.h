@@ -2,6 +2,7 @@
 
 #include "scenecalib/association/track_association.h"
 #include "scenecalib/base/options.h"
+#include "scenecalib/calibration/cross_camera_matching.h"
 #include "scenecalib/calibration/term_builder.h"
 #include "scenecalib/calibration/track_ransac.h"
 #include "scenecalib/tracking/map_guided_registration.h"
@@ -126,6 +127,7 @@ struct CalibrationOptions {
   CoarseToFineOptions coarse_to_fine;
   JointOptions joint;
   MapGuidedOptions map_guided;
+  CrossCameraOptions cross_camera;
   PriorOptions prior;
   AcceptanceOptions acceptance;
   void Visit(OptionVisitor& v) {
@@ -139,6 +141,7 @@ struct CalibrationOptions {
     v.Group("coarse_to_fine", &coarse_to_fine);
     v.Group("joint", &joint);
     v.Group("map_guided", &map_guided);
+    v.Group("cross_camera", &cross_camera);
     v.Group("prior", &prior);
     v.Group("acceptance", &acceptance);
   }

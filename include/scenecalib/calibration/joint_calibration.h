@@ -22,6 +22,9 @@ struct JointCameraEvidence {
   std::array<int, kNumAssociationOutcomes> num_tracks_by_outcome{};
   int num_inlier_tracks = 0;
   double residual_sigma = 1.0;  ///< of its whitened residuals
+  /// Matches of other cameras' points in this one's images that agree with the result.
+  int num_cross_camera_matches = 0;
+  double cross_camera_sigma = 1.0;  ///< of their whitened residuals
   /// True when the drive does not resolve the principal point, so that the intrinsics were held.
   bool intrinsics_unresolved = false;
 };
@@ -33,7 +36,10 @@ struct JointCalibration {
   TrajectoryCorrection correction;
   std::vector<JointCameraEvidence> evidence;
   std::vector<CameraStddev> stddev;
-  std::vector<TransferTerm> terms;  ///< inliers of the last round
+  std::vector<TransferTerm> terms;        ///< inliers of the last round, within one camera
+  std::vector<TransferTerm> cross_terms;  ///< the same between cameras; `track` is of the source
+  /// All matches between cameras as last found, of points in the order of their tracks' terms.
+  CrossCameraMatching cross_camera;
   /// Each camera's tracks as last registered; the terms' `track` index into these.
   std::vector<std::vector<Track>> tracks;
   bool converged = false;
