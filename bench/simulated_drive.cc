@@ -67,6 +67,7 @@ SimulationOptions Options(const DriveSpec& spec) {
   options.world.kind = spec.world;
   options.drive.kind = spec.drive;
   options.drive.speed_m_s = spec.speed_m_s;
+  options.world.num_moving_cars = spec.num_moving_cars;
   options.seed = spec.seed;
   options.duration_s = spec.duration_s;
   options.lidar.rings = spec.rings;
@@ -82,7 +83,11 @@ std::string Describe(const DriveSpec& spec) {
   std::snprintf(text, sizeof(text), "%s/%s seed %d, %.0f s at %.0f m/s, %d x %d",
                 spec.world.c_str(), spec.drive.c_str(), spec.seed, spec.duration_s, spec.speed_m_s,
                 spec.rings, spec.columns);
-  return text;
+  std::string description = text;
+  if (spec.num_moving_cars != DriveSpec().num_moving_cars) {
+    description += ", " + std::to_string(spec.num_moving_cars) + " moving cars";
+  }
+  return description;
 }
 
 Result<SimulatedDrive> SimulatedDrive::Create(const DriveSpec& spec) {

@@ -18,6 +18,7 @@ struct DriveSpec {
   int rings = 64;
   int columns = 1024;
   double speed_m_s = 8.0;
+  int num_moving_cars = 3;
   std::string rig;  ///< rig file; empty: DefaultRig()
   SimulatedStartOptions start;
   /// Scans and images once made are kept here as files and read again by a later run; empty: not

@@ -3,7 +3,7 @@
 find_package(benchmark REQUIRED)
 find_package(CLI11 REQUIRED)
 
-add_library(scenecalib_bench bench/simulated_drive.cc)
+add_library(scenecalib_bench bench/point_labels.cc bench/simulated_drive.cc)
 target_include_directories(scenecalib_bench PUBLIC ${CMAKE_CURRENT_SOURCE_DIR})
 target_link_libraries(scenecalib_bench PUBLIC scenecalib_simulation scenecalib_pipeline
   opencv_imgcodecs opencv_imgproc)

@@ -2,20 +2,19 @@
 
 #include <tbb/parallel_for.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
-#include <cmath>
-#include <numeric>
+#include <memory>
 
 #include "range_image.h"
+#include "scan_objects.h"
 
 namespace scenecalib {
 namespace {
 
-/// Voxels of an object touch at this edge.
-constexpr double kObjectVoxel_m = 0.4;
 /// A place that changes more often between free and occupied than this is seen through by nature.
 constexpr int kMaxChanges = 3;
+/// A place that so many judging scans found occupied, and never free for long, is static.
+constexpr int kMinStaticScans = 8;
 
 /// begin[i] is scan i's first point; one more entry than scans.
 std::vector<int> ScanBegins(const std::vector<ScenePoint>& points) {
@@ -28,12 +27,23 @@ std::vector<int> ScanBegins(const std::vector<ScenePoint>& points) {
   return begins;
 }
 
-/// Scans of equal spacing, the first and the last among them.
-std::vector<int> SpreadScans(int num_scans, int max_scans) {
-  const int count = std::min(num_scans, max_scans);
-  std::vector<int> scans(count);
-  for (int i = 0; i < count; ++i) scans[i] = count == 1 ? 0 : i * (num_scans - 1) / (count - 1);
-  return scans;
+/// The scans that judge: spread along the drive, and over the time of a standing vehicle.
+std::vector<int> JudgingScans(const std::vector<ScenePoint>& points,
+                              const std::vector<int>& scan_begins,
+                              const MovingObjectOptions& options) {
+  std::vector<int> judges;
+  for (int scan = 0; scan + 1 < static_cast<int>(scan_begins.size()); ++scan) {
+    if (scan_begins[scan] == scan_begins[scan + 1]) continue;
+    if (!judges.empty()) {
+      const float moved_m =
+          (points[scan_begins[scan]].origin_m - points[scan_begins[judges.back()]].origin_m).norm();
+      if (moved_m < options.test_spacing_m && scan - judges.back() < options.test_spacing_scans) {
+        continue;
+      }
+    }
+    judges.push_back(scan);
+  }
+  return judges;
 }
 
 /// What the judging scans said about one place, in their order.
@@ -54,11 +64,15 @@ class PlaceHistory {
     last_free_ = free;
   }
 
-  /// Free for a stretch, and occupied, if at all, in one piece.
-  bool Moving(int min_free_scans) const {
-    if (longest_free_ < min_free_scans) return false;
-    if (num_free_ > 4 * num_occupied_) return true;
-    return num_changes_ <= kMaxChanges && longest_free_ >= num_occupied_ / 4;
+  /// Moving: free for a stretch, and occupied, if at all, in one piece. Static: occupied for longer
+  /// than what drives by needs.
+  PlaceKind Kind(int min_free_scans) const {
+    if (longest_free_ >= min_free_scans &&
+        (num_free_ > 4 * num_occupied_ ||
+         (num_changes_ <= kMaxChanges && longest_free_ >= num_occupied_ / 4))) {
+      return PlaceKind::kMoving;
+    }
+    return num_occupied_ >= kMinStaticScans ? PlaceKind::kStatic : PlaceKind::kUnknown;
   }
 
  private:
@@ -71,66 +85,29 @@ class PlaceHistory {
   bool last_free_ = false;
 };
 
-/// Index of each voxel's representative after joining voxels that touch.
-std::vector<int> ConnectVoxels(const VoxelGroups& voxels) {
-  std::vector<int> parent(voxels.size());
-  std::iota(parent.begin(), parent.end(), 0);
-  const auto root = [&](int v) {
-    while (parent[v] != v) v = parent[v] = parent[parent[v]];
-    return v;
-  };
-  for (int v = 0; v < voxels.size(); ++v) {
-    for (int dx = -1; dx <= 1; ++dx) {
-      for (int dy = -1; dy <= 1; ++dy) {
-        for (int dz = -1; dz <= 1; ++dz) {
-          const std::uint64_t key = NeighborVoxelKey(voxels.keys[v], dx, dy, dz);
-          if (key >= voxels.keys[v]) continue;  // the other half is met from the other side
-          const int neighbor = voxels.Find(key);
-          if (neighbor < 0) continue;
-          const int a = root(v);
-          const int b = root(neighbor);
-          parent[std::max(a, b)] = std::min(a, b);
-        }
-      }
-    }
-  }
-  for (int v = 0; v < voxels.size(); ++v) parent[v] = root(v);
-  return parent;
-}
+/// Ground returns within this of a moving object's returns are its lowest parts.
+constexpr double kFootprint_m = 0.2;
 
-/// Marks the rest of every object of one scan that holds enough moving points.
-void GrowToObjects(const std::vector<ScenePoint>& points, int begin, int end,
-                   const MovingObjectOptions& options, std::vector<PointLabel>* labels) {
-  std::vector<int> indices;
+/// Marks the returns of moving objects, and what the ground segmentation took of their lowest
+/// parts.
+void MarkObjects(const std::vector<ScenePoint>& points, const std::vector<ScanObject>& objects,
+                 int begin, int end, std::vector<PointLabel>* labels) {
+  std::vector<int> moving;
+  for (const ScanObject& object : objects) {
+    if (object.moving) moving.insert(moving.end(), object.points.begin(), object.points.end());
+  }
+  if (moving.empty()) return;
+  for (const int i : moving) (*labels)[i] = PointLabel::kMoving;
+  const VoxelGroups voxels = GroupByVoxel(points, moving, kFootprint_m);
+  const float inverse_edge = static_cast<float>(1.0 / kFootprint_m);
   for (int i = begin; i < end; ++i) {
-    if ((*labels)[i] != PointLabel::kGround) indices.push_back(i);
-  }
-  const VoxelGroups voxels = GroupByVoxel(points, indices, kObjectVoxel_m);
-  const std::vector<int> object_of_voxel = ConnectVoxels(voxels);
-  struct Object {
-    int num_points = 0;
-    int num_moving = 0;
-    Eigen::AlignedBox3f box;
-  };
-  std::vector<Object> objects(voxels.size());
-  for (int v = 0; v < voxels.size(); ++v) {
-    Object& object = objects[object_of_voxel[v]];
-    for (int k = voxels.begin[v]; k < voxels.begin[v + 1]; ++k) {
-      const int i = voxels.order[k];
-      ++object.num_points;
-      if ((*labels)[i] == PointLabel::kMoving) ++object.num_moving;
-      object.box.extend(points[i].position_m);
+    if ((*labels)[i] != PointLabel::kGround) continue;
+    const std::uint64_t key = VoxelKey(points[i].position_m, inverse_edge);
+    bool below = false;
+    for (int dz = 0; dz <= 1 && !below; ++dz) {
+      below = voxels.Find(NeighborVoxelKey(key, 0, 0, dz)) >= 0;
     }
-  }
-  for (int v = 0; v < voxels.size(); ++v) {
-    const Object& object = objects[object_of_voxel[v]];
-    if (object.num_moving < options.min_moving_share * object.num_points ||
-        object.num_moving == 0 || object.box.sizes().maxCoeff() > options.max_object_extent_m) {
-      continue;
-    }
-    for (int k = voxels.begin[v]; k < voxels.begin[v + 1]; ++k) {
-      (*labels)[voxels.order[k]] = PointLabel::kMoving;
-    }
+    if (below) (*labels)[i] = PointLabel::kMoving;
   }
 }
 
@@ -141,7 +118,7 @@ int RemoveMovingObjects(const std::vector<ScenePoint>& points, const MovingObjec
   const std::vector<int> scan_begins = ScanBegins(points);
   const int num_scans = static_cast<int>(scan_begins.size()) - 1;
   if (num_scans < 2) return 0;
-  const std::vector<int> judges = SpreadScans(num_scans, options.max_test_scans);
+  const std::vector<int> judges = JudgingScans(points, scan_begins, options);
   std::vector<std::unique_ptr<RangeImage>> images(judges.size());
   tbb::parallel_for(std::size_t{0}, judges.size(), [&](std::size_t j) {
     images[j] = std::make_unique<RangeImage>(points, *labels, scan_begins[judges[j]],
@@ -153,6 +130,7 @@ int RemoveMovingObjects(const std::vector<ScenePoint>& points, const MovingObjec
     if ((*labels)[i] == PointLabel::kStructure) structure.push_back(static_cast<int>(i));
   }
   const VoxelGroups places = GroupByVoxel(points, structure, options.voxel_size_m);
+  std::vector<PlaceKind> kinds(points.size(), PlaceKind::kUnknown);
   tbb::parallel_for(0, places.size(), [&](int v) {
     Eigen::Vector3f center_m = Eigen::Vector3f::Zero();
     for (int k = places.begin[v]; k < places.begin[v + 1]; ++k) {
@@ -165,13 +143,20 @@ int RemoveMovingObjects(const std::vector<ScenePoint>& points, const MovingObjec
                               static_cast<float>(options.free_margin_m),
                               static_cast<float>(options.max_test_range_m)));
     }
-    if (!history.Moving(options.min_free_scans)) return;
-    for (int k = places.begin[v]; k < places.begin[v + 1]; ++k) {
-      (*labels)[places.order[k]] = PointLabel::kMoving;
-    }
+    const PlaceKind kind = history.Kind(options.min_free_scans);
+    for (int k = places.begin[v]; k < places.begin[v + 1]; ++k) kinds[places.order[k]] = kind;
   });
+  std::vector<std::vector<ScanObject>> objects(num_scans);
   tbb::parallel_for(0, num_scans, [&](int scan) {
-    GrowToObjects(points, scan_begins[scan], scan_begins[scan + 1], options, labels);
+    objects[scan] =
+        FindScanObjects(points, *labels, kinds, scan_begins[scan], scan_begins[scan + 1], options);
+  });
+  FollowMovingObjects(&objects);
+  tbb::parallel_for(0, num_scans, [&](int scan) {
+    for (int i = scan_begins[scan]; i < scan_begins[scan + 1]; ++i) {
+      if (kinds[i] == PlaceKind::kMoving) (*labels)[i] = PointLabel::kMoving;
+    }
+    MarkObjects(points, objects[scan], scan_begins[scan], scan_begins[scan + 1], labels);
   });
   return static_cast<int>(std::count(labels->begin(), labels->end(), PointLabel::kMoving));
 }

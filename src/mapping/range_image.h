@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
 #include <vector>
 
 #include "scene_point.h"
@@ -24,10 +25,12 @@ class RangeImage {
                   float max_range_m) const;
 
  private:
+  /// Centimetres: hundreds of images are held at a time.
   struct Pixel {
-    float nearest_m;          ///< nearest structure; infinite when none
-    float farthest_ground_m;  ///< farthest ground; 0 when none
+    std::uint16_t nearest_cm;          ///< nearest structure; kNone when none
+    std::uint16_t farthest_ground_cm;  ///< farthest ground; 0 when none
   };
+  static constexpr std::uint16_t kNone = 65535;
   static int AzimuthBin(const Eigen::Vector3f& direction);
   void FillOrigins(const std::vector<ScenePoint>& points, int begin, int end);
 

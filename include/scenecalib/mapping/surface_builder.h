@@ -32,7 +32,8 @@ struct MovingObjectOptions {
   double voxel_size_m = 0.2;
   double max_test_range_m = 40.0;
   double free_margin_m = 0.4;
-  int max_test_scans = 32;
+  double test_spacing_m = 2.5;
+  int test_spacing_scans = 3;
   int min_free_scans = 3;
   double min_moving_share = 0.3;
   double max_object_extent_m = 15.0;
@@ -43,8 +44,10 @@ struct MovingObjectOptions {
             "a place is judged by scans taken from nearer than this");
     v.Field("free_margin_m", &free_margin_m, {0.05, 2.0},
             "a ray has to end this far behind a place to prove it free");
-    v.Field("max_test_scans", &max_test_scans, {2, 1000},
-            "scans, spread over the segment, that judge a place");
+    v.Field("test_spacing_m", &test_spacing_m, {0.1, 100.0},
+            "a scan taken so far from the last that judged places judges too");
+    v.Field("test_spacing_scans", &test_spacing_scans, {1, 1000},
+            "and one that came so many scans after it");
     v.Field("min_free_scans", &min_free_scans, {1, 100}, "scans that have to see through a place");
     v.Field("min_moving_share", &min_moving_share, {0.0, 1.0},
             "share of moving points from which a whole object of one scan counts as moving");
