@@ -85,25 +85,20 @@ Eigen::Vector3d CellCenter(std::uint64_t cell, double size_m) {
 }
 
 /// The cells of one scan.
-std::vector<CellSum> SumCells(const LidarScan& scan, const PoseTable& table, double min_range_m,
-                              double max_range_m, std::size_t stride, std::size_t phase,
-                              const RefinementOptions& options) {
+std::vector<CellSum> SumCells(const PackedScan& scan, const PoseTable& table, std::size_t stride,
+                              std::size_t phase, const RefinementOptions& options) {
   struct Placed {
     std::uint64_t cell;
     std::int32_t bin;
     float seconds_in_bin;
     Eigen::Vector3f offset;
   };
-  const double stamp_s = SecondsBetween(table.start_ns(), scan.stamp_ns);
+  const double stamp_s = SecondsBetween(table.start_ns(), scan.stamp_ns());
   std::vector<Placed> placed;
-  placed.reserve(scan.points.size() / stride + 1);
-  for (std::size_t i = phase; i < scan.points.size(); i += stride) {
-    const LidarPoint& point = scan.points[i];
-    const Eigen::Vector3d in_lidar = point.position_in_lidar_m.cast<double>();
-    const double range_m = in_lidar.norm();
-    if (!(range_m >= min_range_m && range_m <= max_range_m)) continue;
-    const double seconds = stamp_s + point.time_offset_s;
-    const Eigen::Vector3d in_map = table.Place(in_lidar, seconds);
+  placed.reserve(scan.size() / stride + 1);
+  for (std::size_t i = phase; i < scan.size(); i += stride) {
+    const double seconds = stamp_s + scan.time_offset_s(i);
+    const Eigen::Vector3d in_map = table.Place(scan.position_in_lidar_m(i).cast<double>(), seconds);
     Placed p;
     p.cell = 0;
     for (int axis = 0; axis < 3; ++axis) {
@@ -132,15 +127,14 @@ std::vector<CellSum> SumCells(const LidarScan& scan, const PoseTable& table, dou
   return cells;
 }
 
-std::vector<CellSum> SumAllCells(const std::vector<const LidarScan*>& scans, const PoseTable& table,
-                                 double min_range_m, double max_range_m,
-                                 const RefinementOptions& options) {
+std::vector<CellSum> SumAllCells(const std::vector<const PackedScan*>& scans,
+                                 const PoseTable& table, const RefinementOptions& options) {
   std::size_t num_points = 0;
-  for (const LidarScan* scan : scans) num_points += scan->points.size();
+  for (const PackedScan* scan : scans) num_points += scan->size();
   const std::size_t stride = num_points / static_cast<std::size_t>(options.max_points) + 1;
   std::vector<std::vector<CellSum>> of_scan(scans.size());
   tbb::parallel_for(std::size_t{0}, scans.size(), [&](std::size_t i) {
-    of_scan[i] = SumCells(*scans[i], table, min_range_m, max_range_m, stride, i % stride, options);
+    of_scan[i] = SumCells(*scans[i], table, stride, i % stride, options);
   });
   std::vector<CellSum> cells;
   for (auto& some : of_scan) {
@@ -336,11 +330,10 @@ double MedianThickness(const std::vector<PlanePatch>& patches) {
   return Median(&sigmas);
 }
 
-std::vector<PlanePatch> FindPlanePatches(const std::vector<const LidarScan*>& scans,
-                                         const PoseTable& map_from_lidar, double min_range_m,
-                                         double max_range_m, const RefinementOptions& options) {
-  const std::vector<CellSum> cells =
-      SumAllCells(scans, map_from_lidar, min_range_m, max_range_m, options);
+std::vector<PlanePatch> FindPlanePatches(const std::vector<const PackedScan*>& scans,
+                                         const PoseTable& map_from_lidar,
+                                         const RefinementOptions& options) {
+  const std::vector<CellSum> cells = SumAllCells(scans, map_from_lidar, options);
   const int root_level = options.num_patch_scales - 1;
   std::vector<std::size_t> roots;
   for (std::size_t i = 0; i < cells.size(); ++i) {

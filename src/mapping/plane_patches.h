@@ -4,8 +4,8 @@
 #include <vector>
 
 #include "pose_table.h"
+#include "scenecalib/mapping/packed_scan.h"
 #include "scenecalib/mapping/trajectory_refiner.h"
-#include "scenecalib/sensor/measurements.h"
 
 namespace scenecalib {
 
@@ -32,9 +32,9 @@ struct PlanePatch {
 /// split where one plane is not enough. Weights are robust and account for each patch's thickness
 /// and, with the estimated `unevenness`, for what more points of the same patch cannot average out.
 /// In a fixed order, whatever the number of threads.
-std::vector<PlanePatch> FindPlanePatches(const std::vector<const LidarScan*>& scans,
-                                         const PoseTable& map_from_lidar, double min_range_m,
-                                         double max_range_m, const RefinementOptions& options);
+std::vector<PlanePatch> FindPlanePatches(const std::vector<const PackedScan*>& scans,
+                                         const PoseTable& map_from_lidar,
+                                         const RefinementOptions& options);
 
 /// Median thickness over patches.
 double MedianThickness(const std::vector<PlanePatch>& patches);

@@ -3,6 +3,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <cstdint>
 #include <deque>
 #include <sstream>
 #include <utility>
@@ -20,7 +21,7 @@ constexpr int kMaxReversedStamps = 10;
 constexpr double kTrajectoryStepS = 0.005;
 
 struct BufferedScan {
-  LidarScan scan;
+  PackedScan scan;
   SweepRegistration registration;
 };
 using BufferedScans = std::vector<std::shared_ptr<const BufferedScan>>;
@@ -88,26 +89,62 @@ std::vector<TimedPose> OdometryPoses(const BufferedScans& scans) {
   return poses;
 }
 
-RegisteredScan Register(const LidarScan& scan, const SweepRegistration& registration,
-                        const PoseTable& table, const OdometryOptions& options) {
+RegisteredScan Register(const PackedScan& scan, const SweepRegistration& registration,
+                        const PoseTable& table) {
   RegisteredScan registered;
-  registered.stamp_ns = scan.stamp_ns;
-  const double stamp_s = SecondsBetween(table.start_ns(), scan.stamp_ns);
+  registered.stamp_ns = scan.stamp_ns();
+  const double stamp_s = SecondsBetween(table.start_ns(), scan.stamp_ns());
   registered.lidar_in_map_m =
       table.Place(Eigen::Vector3d::Zero(), SecondsBetween(table.start_ns(), registration.mid_ns()));
-  registered.points.reserve(scan.points.size());
-  for (const LidarPoint& point : scan.points) {
-    const double range_m = point.position_in_lidar_m.cast<double>().norm();
-    if (!(range_m >= options.min_range_m && range_m <= options.max_range_m)) continue;
+  registered.points.reserve(scan.size());
+  for (std::size_t i = 0; i < scan.size(); ++i) {
     RegisteredPoint placed;
+    placed.time_offset_s = scan.time_offset_s(i);
     placed.position_in_map_m =
-        table.Place(point.position_in_lidar_m.cast<double>(), stamp_s + point.time_offset_s)
+        table.Place(scan.position_in_lidar_m(i).cast<double>(), stamp_s + placed.time_offset_s)
             .cast<float>();
-    placed.time_offset_s = point.time_offset_s;
-    placed.intensity = point.intensity;
+    placed.intensity = scan.intensity(i);
     registered.points.push_back(placed);
   }
   return registered;
+}
+
+/// So many of the scans that their points keep to the bound, evenly along the way; a standing
+/// vehicle's scans, which see the same again, count little.
+BufferedScans SpreadForSurfaces(const BufferedScans& scans, const PoseTable& table,
+                                int max_points) {
+  std::int64_t num_points = 0;
+  for (const auto& scan : scans) num_points += static_cast<std::int64_t>(scan->scan.size());
+  if (num_points <= max_points) return scans;
+  constexpr double kWorthOfASecondM = 0.5;
+  std::vector<double> worth_m;  // up to each scan
+  Eigen::Vector3d last_m = Eigen::Vector3d::Zero();
+  for (std::size_t i = 0; i < scans.size(); ++i) {
+    const Timestamp mid_ns = scans[i]->registration.mid_ns();
+    const Eigen::Vector3d place_m =
+        table.Place(Eigen::Vector3d::Zero(), SecondsBetween(table.start_ns(), mid_ns));
+    if (i == 0) {
+      worth_m.push_back(0.0);
+    } else {
+      worth_m.push_back(worth_m.back() + (place_m - last_m).norm() +
+                        kWorthOfASecondM *
+                            SecondsBetween(scans[i - 1]->registration.mid_ns(), mid_ns));
+    }
+    last_m = place_m;
+  }
+  const auto num_kept = static_cast<std::int64_t>(static_cast<double>(scans.size()) * max_points /
+                                                  static_cast<double>(num_points));
+  BufferedScans kept;
+  std::int64_t num_kept_points = 0;
+  for (std::size_t i = 0; i < scans.size(); ++i) {
+    const double due_m = worth_m.back() * static_cast<double>(kept.size()) /
+                         static_cast<double>(std::max<std::int64_t>(num_kept, 1));
+    const auto size = static_cast<std::int64_t>(scans[i]->scan.size());
+    if (worth_m[i] < due_m || num_kept_points + size > max_points) continue;
+    kept.push_back(scans[i]);
+    num_kept_points += size;
+  }
+  return kept;
 }
 
 /// The spline's poses in the map frame: origin at the first pose, z against gravity where it was
@@ -137,11 +174,11 @@ struct SegmentMapper::Impl {
 
   Result<RefinementResult> Refine(const BufferedScans& used, const PoseSpline& initial,
                                   const ProgressCallback& progress) const {
-    std::vector<const LidarScan*> lidar_scans;
-    for (const auto& scan : used) lidar_scans.push_back(&scan->scan);
-    return RefineTrajectory(initial, lidar_scans, prior, options.odometry.min_range_m,
-                            options.odometry.max_range_m, options.refinement, progress);
+    std::vector<const PackedScan*> packed;
+    for (const auto& scan : used) packed.push_back(&scan->scan);
+    return RefineTrajectory(initial, packed, prior, options.refinement, progress);
   }
+  void ForgetOldest();
   void AddWarnings(const BufferedScans& used, MappingReport* report) const;
   Result<MappingResult> Build(const BufferedScans& used, Trajectory trajectory,
                               MappingReport report, const ProgressCallback& progress) const;
@@ -154,6 +191,7 @@ struct SegmentMapper::Impl {
   int num_scans_in = 0;
   int num_scans_skipped = 0;
   int num_scans_dropped = 0;
+  std::int64_t num_points = 0;  ///< of all scans
   int num_reversed_in_a_row = 0;
   int num_clock_resets = 0;
 };
@@ -178,7 +216,7 @@ SegmentMapper SegmentMapper::Clone() const {
 Result<ScanRegistration> SegmentMapper::AddScan(const LidarScan& scan) {
   Impl& impl = *impl_;
   ++impl.num_scans_in;
-  const bool reversed = !impl.scans.empty() && scan.stamp_ns <= impl.scans.back()->scan.stamp_ns;
+  const bool reversed = !impl.scans.empty() && scan.stamp_ns <= impl.scans.back()->scan.stamp_ns();
   impl.num_reversed_in_a_row = reversed ? impl.num_reversed_in_a_row + 1 : 0;
   if (impl.num_reversed_in_a_row >= kMaxReversedStamps) {
     const int num_clock_resets = impl.num_clock_resets + 1;
@@ -191,11 +229,11 @@ Result<ScanRegistration> SegmentMapper::AddScan(const LidarScan& scan) {
     ++impl.num_scans_skipped;
     return registration.status();
   }
-  impl.scans.push_back(std::make_shared<const BufferedScan>(BufferedScan{scan, *registration}));
-  while (static_cast<int>(impl.scans.size()) > impl.options.buffer.max_scans) {
-    impl.scans.pop_front();
-    ++impl.num_scans_dropped;
-  }
+  impl.scans.push_back(std::make_shared<const BufferedScan>(BufferedScan{
+      PackedScan(scan, impl.options.odometry.min_range_m, impl.options.odometry.max_range_m),
+      *registration}));
+  impl.num_points += static_cast<std::int64_t>(impl.scans.back()->scan.size());
+  impl.ForgetOldest();
   impl.prior.ForgetBefore(AddSeconds(scan.stamp_ns, -impl.options.buffer.max_imu_age_s));
   ScanRegistration result;
   result.stamp_ns = scan.stamp_ns;
@@ -210,6 +248,16 @@ Result<ScanRegistration> SegmentMapper::AddScan(const LidarScan& scan) {
   return result;
 }
 
+void SegmentMapper::Impl::ForgetOldest() {
+  const ScanBufferOptions& bound = options.buffer;
+  while (scans.size() > 1 &&
+         (static_cast<int>(scans.size()) > bound.max_scans || num_points > bound.max_points)) {
+    num_points -= static_cast<std::int64_t>(scans.front()->scan.size());
+    scans.pop_front();
+    ++num_scans_dropped;
+  }
+}
+
 void SegmentMapper::Impl::AddWarnings(const BufferedScans& used, MappingReport* report) const {
   auto warn = [report](const std::string& text) { report->warnings.push_back(text); };
   const int num_used = static_cast<int>(used.size());
@@ -220,6 +268,12 @@ void SegmentMapper::Impl::AddWarnings(const BufferedScans& used, MappingReport* 
   if (num_scans_skipped > 0) {
     warn("lidar: " + Percent(num_scans_skipped, num_scans_in) +
          " scans skipped (stamp not increasing, or too few points)");
+  }
+  if (num_scans_dropped > 0) {
+    warn("lidar: the buffer was full (buffer.max_scans " +
+         std::to_string(options.buffer.max_scans) + ", buffer.max_points " +
+         std::to_string(options.buffer.max_points) + "); the oldest " +
+         Percent(num_scans_dropped, num_scans_in) + " scans were forgotten");
   }
   if (num_clock_resets > 0) warn("lidar: stamps ran backwards; what came before was dropped");
   const int num_unused = static_cast<int>(scans.size()) - num_used;
@@ -245,9 +299,17 @@ Result<MappingResult> SegmentMapper::Impl::Build(const BufferedScans& used, Traj
                                                  MappingReport report,
                                                  const ProgressCallback& progress) const {
   const PoseTable table(trajectory);
-  std::vector<RegisteredScan> registered(used.size());
-  tbb::parallel_for(std::size_t{0}, used.size(), [&](std::size_t i) {
-    registered[i] = Register(used[i]->scan, used[i]->registration, table, options.odometry);
+  const BufferedScans spread = SpreadForSurfaces(used, table, options.buffer.max_surface_points);
+  if (spread.size() < used.size()) {
+    report.warnings.push_back(
+        "lidar: the surfaces are built from " +
+        Percent(static_cast<int>(spread.size()), static_cast<int>(used.size())) +
+        " scans (buffer.max_surface_points " + std::to_string(options.buffer.max_surface_points) +
+        "); the trajectory from all");
+  }
+  std::vector<RegisteredScan> registered(spread.size());
+  tbb::parallel_for(std::size_t{0}, spread.size(), [&](std::size_t i) {
+    registered[i] = Register(spread[i]->scan, spread[i]->registration, table);
   });
   auto surfaces = BuildSurfaces(registered, options.surfaces, progress);
   if (!surfaces.ok()) return surfaces.status();

@@ -133,9 +133,7 @@ std::vector<bool> InHalf(const std::vector<PlanePatch>& patches, bool first) {
 
 /// What all rounds share.
 struct Problem {
-  const std::vector<const LidarScan*>& scans;
-  double min_range_m;
-  double max_range_m;
+  const std::vector<const PackedScan*>& scans;
   const RefinementOptions& options;
 };
 
@@ -150,8 +148,7 @@ Result<std::vector<PlanePatch>> Associate(const Problem& problem, const PoseSpli
   if (!trajectory.ok()) return trajectory.status();
   RefinementOptions options = problem.options;
   if (!all_points) options.max_points = options.max_points / kShare;
-  auto patches = FindPlanePatches(problem.scans, PoseTable(*trajectory), problem.min_range_m,
-                                  problem.max_range_m, options);
+  auto patches = FindPlanePatches(problem.scans, PoseTable(*trajectory), options);
   if (patches.size() < kMinPatches) {
     return Status::InsufficientData("lidar: only " + std::to_string(patches.size()) +
                                     " planar patches in the scene, at least " +
@@ -165,7 +162,7 @@ Result<std::vector<PlanePatch>> Associate(const Problem& problem, const PoseSpli
 double MeasureThickness(const Problem& problem, const PoseSpline& spline) {
   RefinementOptions options = problem.options;
   options.num_patch_scales = 1;
-  const Problem finest{problem.scans, problem.min_range_m, problem.max_range_m, options};
+  const Problem finest{problem.scans, options};
   const auto patches = Associate(finest, spline, true);
   return patches.ok() ? MedianThickness(*patches) : 0.0;
 }
@@ -199,16 +196,16 @@ std::string DescribeRound(int round, const std::vector<PlanePatch>& patches,
 }  // namespace
 
 Result<RefinementResult> RefineTrajectory(const PoseSpline& initial,
-                                          const std::vector<const LidarScan*>& scans,
-                                          const MotionPrior& prior, double min_range_m,
-                                          double max_range_m, const RefinementOptions& options,
+                                          const std::vector<const PackedScan*>& scans,
+                                          const MotionPrior& prior,
+                                          const RefinementOptions& options,
                                           const ProgressCallback& progress) {
   // RMS steps, from a knot to the next, that no longer matter; and that call for all points.
   constexpr double kStillM = 1e-4;
   constexpr double kStillRad = 1.5e-5;
   constexpr double kCloseM = 1e-3;
   constexpr double kCloseRad = 2e-4;
-  const Problem problem{scans, min_range_m, max_range_m, options};
+  const Problem problem{scans, options};
   RefinementResult result;
   result.map_from_lidar = initial;
   PoseSpline& spline = result.map_from_lidar;

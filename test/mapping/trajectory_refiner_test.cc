@@ -24,11 +24,9 @@ PoseSpline Perturbed(const SyntheticDrive& drive) {
 struct Fixture {
   SyntheticDrive drive;
   std::vector<LidarScan> scans = drive.Scans(20, 1);
-  std::vector<const LidarScan*> pointers;
   MotionPrior prior{Rig{}};
 
   explicit Fixture(double imu_rate_hz) {
-    for (const LidarScan& scan : scans) pointers.push_back(&scan);
     if (imu_rate_hz <= 0.0) return;
     Rig rig;
     rig.imu = ImuConfig{"/imu", drive.lidar_from_imu};
@@ -36,7 +34,11 @@ struct Fixture {
     for (const ImuSample& s : drive.Imu(kDurationS, imu_rate_hz, 2)) prior.AddImu(s);
   }
   Result<RefinementResult> Refine(const ProgressCallback& progress = {}) const {
-    return RefineTrajectory(Perturbed(drive), pointers, prior, 1.0, 60.0, {}, progress);
+    std::vector<PackedScan> packed;
+    for (const LidarScan& scan : scans) packed.emplace_back(scan, 1.0, 60.0);
+    std::vector<const PackedScan*> pointers;
+    for (const PackedScan& scan : packed) pointers.push_back(&scan);
+    return RefineTrajectory(Perturbed(drive), pointers, prior, {}, progress);
   }
   Eigen::Vector2d Error(const PoseSpline& spline, double window_s) const {
     return RelativeMotionError(*Trajectory::Create(spline.Sample(0.005)), drive.Truth(kDurationS),

@@ -7,13 +7,21 @@
 
 namespace scenecalib {
 
-/// How much of the past a mapper keeps. A scan of 64 x 1024 points takes 1.4 MB.
+/// How much of the past a mapper keeps, at 12 bytes a point, and how much of it becomes surfaces,
+/// at about 90 bytes a point while they are built.
 struct ScanBufferOptions {
-  int max_scans = 600;
+  int max_scans = 1500;
+  int max_points = 60000000;
+  int max_surface_points = 14000000;
   double max_imu_age_s = 300.0;
   void Visit(OptionVisitor& v) {
     v.Field("max_scans", &max_scans, {10, 100000},
             "scans kept; beyond it the oldest are forgotten");
+    v.Field("max_points", &max_points, {100000, 2000000000},
+            "points of all scans kept; beyond it the oldest scans are forgotten");
+    v.Field("max_surface_points", &max_surface_points, {100000, 1000000000},
+            "points the surfaces are built from; beyond it scans are left out, evenly along the "
+            "drive");
     v.Field("max_imu_age_s", &max_imu_age_s, {1.0, 1e5},
             "IMU and odometry samples older than this, before the newest, are forgotten");
   }

@@ -8,9 +8,9 @@
 #include "scenecalib/base/progress.h"
 #include "scenecalib/base/status.h"
 #include "scenecalib/mapping/motion_prior.h"
+#include "scenecalib/mapping/packed_scan.h"
 #include "scenecalib/mapping/pose_spline.h"
 #include "scenecalib/mapping/scene_map.h"
-#include "scenecalib/sensor/measurements.h"
 
 namespace scenecalib {
 
@@ -80,14 +80,13 @@ struct RefinementResult {
 /// Gauss-Newton step (docs/math.md): alternating between planes and poses instead takes hundreds of
 /// rounds for the smooth errors that matter most here.
 ///
-/// `scans` lie within the initial spline's time; ranges outside [min_range_m, max_range_m] are
-/// dropped. The relative-motion sigma compares the solutions of two halves of the data, so that it
-/// sees what a formal covariance does not. Deterministic for any number of threads.
-/// InsufficientData when the scene offers no planes. Cancelled on request.
+/// `scans` lie within the initial spline's time. The relative-motion sigma compares the solutions
+/// of two halves of the data, so that it sees what a formal covariance does not. Deterministic for
+/// any number of threads. InsufficientData when the scene offers no planes. Cancelled on request.
 Result<RefinementResult> RefineTrajectory(const PoseSpline& initial,
-                                          const std::vector<const LidarScan*>& scans,
-                                          const MotionPrior& prior, double min_range_m,
-                                          double max_range_m, const RefinementOptions& options,
+                                          const std::vector<const PackedScan*>& scans,
+                                          const MotionPrior& prior,
+                                          const RefinementOptions& options,
                                           const ProgressCallback& progress);
 
 }  // namespace scenecalib
