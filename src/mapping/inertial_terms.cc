@@ -105,12 +105,13 @@ void InertialTerms::UpdateSigmas(const PoseSpline& spline) {
   accelerometer_sigma_ = std::max(RobustSigma(&accelerometer), kMinAccelerometerSigma);
 }
 
-void InertialTerms::AddTo(const PoseSpline& spline, Subset subset, RefinementSystem* system) const {
+void InertialTerms::AddTo(const PoseSpline& spline, DataSubset subset,
+                          RefinementSystem* system) const {
   constexpr double kGyroscopeBiasSigma = 0.1;      // rad/s
   constexpr double kAccelerometerBiasSigma = 0.3;  // m/s^2
   constexpr double kGravitySigma = 0.05;           // m/s^2, of its magnitude
   for (std::size_t i = 0; i < samples_.size(); ++i) {
-    if (subset != Subset::kAll && (i % 2 == 0) != (subset == Subset::kEven)) continue;
+    if (subset != DataSubset::kAll && (i % 2 == 0) != (subset == DataSubset::kEven)) continue;
     const Sample& sample = samples_[i];
     const Prediction p = Predict(spline, sample.seconds);
     const PoseSpline::Basis basis = spline.BasisAt(sample.seconds);
@@ -130,7 +131,8 @@ void InertialTerms::AddTo(const PoseSpline& spline, Subset subset, RefinementSys
           p.imu_from_map * (basis.acceleration[j] * Hat(p.arm_in_map) -
                             basis.weight[j] * Hat(p.acceleration_in_map - gravity_));
     }
-    global << Eigen::Matrix3d::Zero(), -Eigen::Matrix3d::Identity(), p.imu_from_map;
+    global << Eigen::Matrix3d::Zero(), -Eigen::Matrix3d::Identity(), p.imu_from_map,
+        Eigen::Vector3d::Zero();
     const Eigen::Vector3d accelerometer = AccelerometerResidual(sample, p);
     system->AddResidual(basis.first, pose, global, accelerometer,
                         HuberWeight(accelerometer, accelerometer_sigma_));
@@ -145,10 +147,10 @@ void InertialTerms::AddTo(const PoseSpline& spline, Subset subset, RefinementSys
   }
 }
 
-void InertialTerms::Update(const Eigen::Matrix<double, RefinementSystem::kNumGlobals, 1>& step) {
+void InertialTerms::Update(const RefinementSystem::Globals& step) {
   gyroscope_bias_ += step.head<3>();
   accelerometer_bias_ += step.segment<3>(3);
-  gravity_ += step.tail<3>();
+  gravity_ += step.segment<3>(6);
 }
 
 void InertialTerms::Report(RefinementResult* result) const {

@@ -14,16 +14,13 @@ namespace scenecalib {
 /// with constant biases and gravity as unknowns and noise levels taken from the residuals.
 class InertialTerms {
  public:
-  /// Which samples count: both halves of an even split see the same time.
-  enum class Subset { kAll, kEven, kOdd };
-
   InertialTerms(const MotionPrior& prior, const PoseSpline& spline, bool use_accelerometer);
 
   /// Noise levels from the residuals against the current trajectory.
   void UpdateSigmas(const PoseSpline& spline);
-  void AddTo(const PoseSpline& spline, Subset subset, RefinementSystem* system) const;
+  void AddTo(const PoseSpline& spline, DataSubset subset, RefinementSystem* system) const;
   /// Adds a solver's step to biases and gravity.
-  void Update(const Eigen::Matrix<double, RefinementSystem::kNumGlobals, 1>& step);
+  void Update(const RefinementSystem::Globals& step);
   void Report(RefinementResult* result) const;
 
  private:

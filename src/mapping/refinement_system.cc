@@ -15,7 +15,8 @@ RefinementSystem::RefinementSystem(int num_controls) : num_controls_(num_control
   corner_.setZero();
 }
 
-void RefinementSystem::AddPatch(const PoseSpline& spline, const PlanePatch& patch, Band* band,
+void RefinementSystem::AddPatch(const PoseSpline& spline, const PlanePatch& patch,
+                                const DegenerateDirections& degenerate, Band* band,
                                 std::vector<Coupling>* couplings,
                                 std::vector<PatchTerm>* terms) const {
   const Eigen::Vector3d u = patch.axes.col(0);
@@ -34,7 +35,7 @@ void RefinementSystem::AddPatch(const PoseSpline& spline, const PlanePatch& patc
     }
     // Distance of the points by the pose, as offset and slopes over the patch (docs/math.md).
     Eigen::Matrix<double, 3, 6> distance_by_pose;
-    distance_by_pose << normal.transpose(),
+    distance_by_pose << normal.transpose() * degenerate.Projection(o.seconds),
         (patch.center_m - lidar_in_map).cross(normal).transpose(), Eigen::RowVector3d::Zero(),
         -v.transpose(), Eigen::RowVector3d::Zero(), u.transpose();
     Coupling coupling;
@@ -67,7 +68,8 @@ void RefinementSystem::AddPatch(const PoseSpline& spline, const PlanePatch& patc
 }
 
 void RefinementSystem::AddPatches(const PoseSpline& spline, const std::vector<PlanePatch>& patches,
-                                  const std::vector<bool>& use) {
+                                  const std::vector<bool>& use,
+                                  const DegenerateDirections& degenerate) {
   std::array<Band, kNumChunks> bands;
   tbb::parallel_for(std::size_t{0}, kNumChunks, [&](std::size_t chunk) {
     Band& band = bands[chunk];
@@ -77,7 +79,8 @@ void RefinementSystem::AddPatches(const PoseSpline& spline, const std::vector<Pl
     const std::size_t begin = patches.size() * chunk / kNumChunks;
     const std::size_t end = patches.size() * (chunk + 1) / kNumChunks;
     for (std::size_t i = begin; i < end; ++i) {
-      if (use[i]) AddPatch(spline, patches[i], &band, &couplings_[chunk], &terms_[chunk]);
+      if (!use[i]) continue;
+      AddPatch(spline, patches[i], degenerate, &band, &couplings_[chunk], &terms_[chunk]);
     }
   });
   for (const Band& band : bands) {

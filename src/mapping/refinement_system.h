@@ -6,10 +6,14 @@
 #include <array>
 #include <vector>
 
+#include "degenerate_directions.h"
 #include "plane_patches.h"
 #include "scenecalib/mapping/pose_spline.h"
 
 namespace scenecalib {
+
+/// Which measurements count: both halves of an even split see the same time.
+enum class DataSubset { kAll, kEven, kOdd };
 
 /// One Gauss-Newton step of the refinement: the normal equations over control poses (tau, phi each,
 /// see PoseSpline::Basis) and kNumGlobals common parameters at the end, with the planes eliminated.
@@ -18,15 +22,19 @@ namespace scenecalib {
 /// planes.
 class RefinementSystem {
  public:
-  static constexpr int kNumGlobals = 9;  ///< gyroscope bias, accelerometer bias, gravity
-  static constexpr int kPose = 6;        ///< tau (m), phi (rad), both in the map frame
+  /// Gyroscope bias, accelerometer bias, gravity (3 each), odometry scale.
+  static constexpr int kNumGlobals = 10;
+  static constexpr int kPose = 6;           ///< tau (m), phi (rad), both in the map frame
+  static constexpr int kOdometryScale = 9;  ///< its index among them
+  using Globals = Eigen::Matrix<double, kNumGlobals, 1>;
   using GlobalJacobian = Eigen::Matrix<double, 3, kNumGlobals>;
 
   explicit RefinementSystem(int num_controls);
 
-  /// Point-to-plane terms of the chosen patches; `use` has one flag per patch.
+  /// Point-to-plane terms of the chosen patches; `use` has one flag per patch. They say nothing
+  /// along degenerate directions.
   void AddPatches(const PoseSpline& spline, const std::vector<PlanePatch>& patches,
-                  const std::vector<bool>& use);
+                  const std::vector<bool>& use, const DegenerateDirections& degenerate);
 
   /// A residual r (3) with r(x + dx) = r + sum_j pose[j] dx_{first+j} + global dx_global, weighted.
   void AddResidual(int first, const std::array<Eigen::Matrix<double, 3, kPose>, 4>& pose,
@@ -66,7 +74,8 @@ class RefinementSystem {
     Eigen::Matrix3d inverse_information;
   };
 
-  void AddPatch(const PoseSpline& spline, const PlanePatch& patch, Band* band,
+  void AddPatch(const PoseSpline& spline, const PlanePatch& patch,
+                const DegenerateDirections& degenerate, Band* band,
                 std::vector<Coupling>* couplings, std::vector<PatchTerm>* terms) const;
   Eigen::SparseMatrix<double> FixedPlaneMatrix() const;
   Eigen::VectorXd ApplyCoupling(const Eigen::VectorXd& x) const;

@@ -160,6 +160,20 @@ std::vector<TimedPose> LeveledPoses(const PoseSpline& spline,
   return poses;
 }
 
+std::string DescribeDegenerate(const RefinementResult& refined) {
+  std::ostringstream text;
+  text.precision(0);
+  text << "lidar: during " << std::fixed << 100.0 * refined.degenerate_share
+       << " % of the drive the scene does not fix the motion along some direction (a tunnel, an "
+          "open field); ";
+  if (refined.odometry_scale_error) {
+    text << "there it is the odometry's";
+  } else {
+    text << "there it is a guess: drive where there are houses, or give odometry";
+  }
+  return text.str();
+}
+
 std::string Percent(int part, int whole) {
   std::ostringstream text;
   text << part << " of " << whole;
@@ -356,6 +370,9 @@ Result<MappingResult> SegmentMapper::BuildMap(const ProgressCallback& progress) 
     if (!refined.ok()) return refined.status();
     spline = refined->map_from_lidar;
     relative_motion = refined->relative_motion;
+    if (refined->degenerate_share > 0.0) {
+      report.warnings.push_back(DescribeDegenerate(*refined));
+    }
     gravity = refined->gravity_in_map_m_s2;
     report.thickness_before_m = refined->thickness_before_m;
     report.thickness_after_m = refined->thickness_after_m;

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "inertial_terms.h"
+#include "odometry_terms.h"
 #include "plane_patches.h"
 #include "refinement_system.h"
 #include "scenecalib/base/log.h"
@@ -77,12 +78,27 @@ Eigen::Vector2d ApplyStep(const Eigen::VectorXd& step, PoseSpline* spline) {
   return (squares / static_cast<double>(controls.size() - 1)).cwiseSqrt();
 }
 
+/// What is measured besides the lidar's points.
+struct MotionTerms {
+  InertialTerms inertial;
+  OdometryTerms odometry;
+};
+
+DegenerateDirections FindDegenerate(const PoseSpline& spline,
+                                    const std::vector<PlanePatch>& patches) {
+  return {patches, SecondsBetween(spline.start_ns(), spline.end_ns())};
+}
+
 RefinementSystem Linearise(const PoseSpline& spline, const std::vector<PlanePatch>& patches,
-                           const std::vector<bool>& use, const InertialTerms& inertial,
-                           InertialTerms::Subset subset, const RefinementOptions& options) {
+                           const std::vector<bool>& use, const MotionTerms& motion,
+                           DataSubset subset, const RefinementOptions& options) {
   RefinementSystem system(static_cast<int>(spline.controls().size()));
-  system.AddPatches(spline, patches, use);
-  inertial.AddTo(spline, subset, &system);
+  // Without odometry the trajectory as it came is the best guess along a degenerate direction.
+  const DegenerateDirections degenerate =
+      motion.odometry.empty() ? DegenerateDirections() : FindDegenerate(spline, patches);
+  system.AddPatches(spline, patches, use, degenerate);
+  motion.inertial.AddTo(spline, subset, &system);
+  motion.odometry.AddTo(spline, subset, &system);
   AddSmoothness(spline, options, &system);
   AddGauge(&system);
   return system;
@@ -167,16 +183,36 @@ double MeasureThickness(const Problem& problem, const PoseSpline& spline) {
   return patches.ok() ? MedianThickness(*patches) : 0.0;
 }
 
+/// What both halves of the data do not see: along a degenerate direction the odometry's scale is
+/// the error, and it is the same for both.
+void AddScaleError(const PoseSpline& spline, const DegenerateDirections& degenerate,
+                   const OdometryTerms& odometry, std::vector<RelativeMotionSigma>* sigmas) {
+  if (odometry.empty() || degenerate.share() == 0.0) return;
+  const double scale_sigma = odometry.ScaleSigma(spline, degenerate);
+  const double duration_s = SecondsBetween(spline.start_ns(), spline.end_ns());
+  constexpr double kStepS = 0.1;
+  for (RelativeMotionSigma& sigma : *sigmas) {
+    double squares = 0.0;
+    int count = 0;
+    for (double t = 0.0; t + sigma.window_s <= duration_s; t += kStepS, ++count) {
+      const Eigen::Vector3d way =
+          spline.PoseAt(t + sigma.window_s).translation - spline.PoseAt(t).translation;
+      const Eigen::Vector3d unseen = way - degenerate.Projection(t + 0.5 * sigma.window_s) * way;
+      squares += scale_sigma * scale_sigma * unseen.squaredNorm();
+    }
+    sigma.translation_m = std::hypot(sigma.translation_m, std::sqrt(squares / count));
+  }
+}
+
 std::vector<RelativeMotionSigma> EstimateRelativeMotion(const PoseSpline& spline,
                                                         const std::vector<PlanePatch>& patches,
-                                                        const InertialTerms& inertial,
+                                                        const MotionTerms& motion,
                                                         const RefinementOptions& options) {
   std::array<PoseSpline, 2> halves = {spline, spline};
   for (const bool first : {true, false}) {
-    const auto solution =
-        Linearise(spline, patches, InHalf(patches, first), inertial,
-                  first ? InertialTerms::Subset::kEven : InertialTerms::Subset::kOdd, options)
-            .Solve(options.max_solver_iterations, options.solver_tolerance);
+    const auto solution = Linearise(spline, patches, InHalf(patches, first), motion,
+                                    first ? DataSubset::kEven : DataSubset::kOdd, options)
+                              .Solve(options.max_solver_iterations, options.solver_tolerance);
     if (!solution.ok) return {};
     ApplyStep(solution.step, &halves[first ? 0 : 1]);
   }
@@ -209,7 +245,8 @@ Result<RefinementResult> RefineTrajectory(const PoseSpline& initial,
   RefinementResult result;
   result.map_from_lidar = initial;
   PoseSpline& spline = result.map_from_lidar;
-  InertialTerms inertial(prior, spline, options.use_accelerometer);
+  MotionTerms motion{InertialTerms(prior, spline, options.use_accelerometer),
+                     OdometryTerms(prior, spline, options.use_odometry)};
   Result<std::vector<PlanePatch>> patches = Associate(problem, spline, false);
   if (!patches.ok()) return patches.status();
   result.thickness_before_m = MeasureThickness(problem, spline);
@@ -222,13 +259,16 @@ Result<RefinementResult> RefineTrajectory(const PoseSpline& initial,
     const bool all_points = is_close || 2 * (result.num_rounds + 1) > options.max_rounds;
     if (result.num_rounds > 0 || all_points) patches = Associate(problem, spline, all_points);
     if (!patches.ok()) return patches.status();
-    inertial.UpdateSigmas(spline);
+    motion.inertial.UpdateSigmas(spline);
+    motion.odometry.UpdateSigma(spline);
     const auto solution = Linearise(spline, *patches, std::vector<bool>(patches->size(), true),
-                                    inertial, InertialTerms::Subset::kAll, options)
+                                    motion, DataSubset::kAll, options)
                               .Solve(options.max_solver_iterations, options.solver_tolerance);
     if (!solution.ok) return Status::NumericalFailure("the trajectory's normal equations failed");
     const Eigen::Vector2d change = ApplyStep(solution.step, &spline);
-    inertial.Update(solution.step.tail<RefinementSystem::kNumGlobals>());
+    const RefinementSystem::Globals globals = solution.step.tail<RefinementSystem::kNumGlobals>();
+    motion.inertial.Update(globals);
+    motion.odometry.Update(globals);
     ++result.num_rounds;
     Log(LogSeverity::kDebug,
         DescribeRound(result.num_rounds, *patches, change, solution.iterations));
@@ -236,14 +276,18 @@ Result<RefinementResult> RefineTrajectory(const PoseSpline& initial,
     result.converged = all_points && change[0] < kStillM && change[1] < kStillRad;
   }
   // The patches still are those before the last step; in a difference of two halves that cancels.
-  result.relative_motion = EstimateRelativeMotion(spline, *patches, inertial, options);
+  result.relative_motion = EstimateRelativeMotion(spline, *patches, motion, options);
+  const DegenerateDirections degenerate = FindDegenerate(spline, *patches);
+  AddScaleError(spline, degenerate, motion.odometry, &result.relative_motion);
+  result.degenerate_share = degenerate.share();
   result.num_patches = static_cast<int>(patches->size());
   for (const PlanePatch& patch : *patches) {
     for (const PatchObservation& o : patch.observations) {
       result.num_points += static_cast<int>(o.count());
     }
   }
-  inertial.Report(&result);
+  motion.inertial.Report(&result);
+  motion.odometry.Report(&result);
   result.thickness_after_m = MeasureThickness(problem, spline);
   return result;
 }

@@ -3,7 +3,9 @@
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
 
+#include <algorithm>
 #include <limits>
+#include <string>
 
 #include "mapping/synthetic_drive.h"
 
@@ -117,6 +119,56 @@ TEST(SegmentMapper, KeepsAGivenTrajectory) {
   const auto elsewhere = Trajectory::Create({{1, Rigid3()}, {2, Rigid3()}});
   EXPECT_EQ(mapper.BuildMapWithTrajectory(*elsewhere, {}).status().code(),
             Status::Code::kInsufficientData);
+}
+
+bool Warns(const MappingResult& result, const std::string& text) {
+  return std::any_of(
+      result.report.warnings.begin(), result.report.warnings.end(),
+      [&text](const std::string& warning) { return warning.find(text) != std::string::npos; });
+}
+
+MappingResult MapWithOdometry(const SyntheticDrive& drive, bool use_odometry) {
+  Rig rig;
+  rig.lidar.topic = "/points";
+  rig.odometry = OdometryConfig{"/odometry", drive.lidar_from_body};
+  MappingOptions options;
+  options.refinement.use_odometry = use_odometry;
+  SegmentMapper mapper(rig, options);
+  for (const OdometrySample& sample : drive.Odometry(kDurationS, 4)) mapper.AddOdometry(sample);
+  for (const LidarScan& scan : drive.Scans(kNumScans, 1)) EXPECT_TRUE(mapper.AddScan(scan).ok());
+  const auto result = mapper.BuildMap({});
+  EXPECT_TRUE(result.ok()) << result.status().message();
+  return *result;
+}
+
+TEST(SegmentMapper, LetsOdometryTellTheWayThroughATunnelWithoutFeatures) {
+  SyntheticDrive drive;
+  drive.boxes = SyntheticDrive::Tunnel();
+  const Trajectory truth = drive.Truth(kDurationS);
+  const MappingResult with = MapWithOdometry(drive, true);
+  EXPECT_TRUE(with.report.used_odometry);
+  const Eigen::Vector2d error = RelativeMotionError(with.map.map_from_lidar, truth, 1.0);
+  const Eigen::Vector2d without =
+      RelativeMotionError(MapWithOdometry(drive, false).map.map_from_lidar, truth, 1.0);
+  // The odometry's own error: one per cent of 6 m and its noise.
+  EXPECT_LT(error[0], 0.08);
+  EXPECT_LT(error[1], 1e-3);
+  EXPECT_LT(error[0], 0.5 * without[0]);
+  // Its scale is unknown there, and that is said.
+  ASSERT_EQ(with.map.relative_motion.size(), 3U);
+  EXPECT_GT(with.map.relative_motion[2].translation_m, error[0]);
+  EXPECT_TRUE(Warns(with, "does not fix the motion"));
+}
+
+TEST(SegmentMapper, DoesNotLetOdometrySpoilWhatTheLidarSees) {
+  const SyntheticDrive drive;
+  const Trajectory truth = drive.Truth(kDurationS);
+  const Eigen::Vector2d with =
+      RelativeMotionError(MapWithOdometry(drive, true).map.map_from_lidar, truth, 1.0);
+  const Eigen::Vector2d without =
+      RelativeMotionError(MapWithOdometry(drive, false).map.map_from_lidar, truth, 1.0);
+  EXPECT_LT(with[0], 1.1 * without[0]);
+  EXPECT_LT(with[1], 1.1 * without[1]);
 }
 
 TEST(SegmentMapper, RefusesAStandingVehicleByName) {

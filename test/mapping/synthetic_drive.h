@@ -14,9 +14,11 @@
 
 namespace scenecalib {
 
-/// A drive through a street of boxes with everything known exactly: analytic ray casting, each
+/// A drive through a world of boxes with everything known exactly: analytic ray casting, each
 /// point at its own time, IMU by numeric differentiation of the motion.
 struct SyntheticDrive {
+  using Box = std::pair<Eigen::Vector3d, Eigen::Vector3d>;  ///< min, max corner
+
   static constexpr Timestamp kStartNs = 1700000000000000000;
   double speed_m_s = 6.0;
   double range_sigma_m = 0.01;
@@ -24,12 +26,25 @@ struct SyntheticDrive {
   int num_rings = 24;
   int num_columns = 360;
   bool motion_compensated = false;  ///< every point at the stamp
+  double loop_radius_m = 0.0;       ///< round and round a circle to the left; 0: along a street
+  std::vector<Box> boxes = Street();
   Rigid3 lidar_from_imu{ExpSo3({0.02, -0.01, 0.1}), {-0.5, 0.1, -1.0}};
+  Rigid3 lidar_from_body{ExpSo3({0.0, 0.01, -0.02}), {-1.2, 0.05, -1.8}};
+  double odometry_scale_error = 0.01;
   Eigen::Vector3d gyroscope_bias_rad_s{0.004, -0.006, 0.008};
   Eigen::Vector3d accelerometer_bias_m_s2{0.03, -0.02, 0.04};
 
   /// Pose of the lidar in a world with z up and the ground at z = 0.
   Rigid3 WorldFromLidar(double t) const {
+    if (loop_radius_m <= 0.0) return AlongStreet(t);
+    const double turn = speed_m_s * t / loop_radius_m;
+    const Eigen::Quaterniond yaw = ExpSo3({0.0, 0.0, turn});
+    const Rigid3 sway(ExpSo3({0.01 * std::sin(4.0 * t), 0.015 * std::cos(3.0 * t), 0.0}),
+                      {0.0, 0.0, lidar_height_m + 0.03 * std::sin(5.0 * t)});
+    const Eigen::Vector3d center(0.0, loop_radius_m, 0.0);
+    return Rigid3(yaw, center + yaw * Eigen::Vector3d(0.0, -loop_radius_m, 0.0)) * sway;
+  }
+  Rigid3 AlongStreet(double t) const {
     const Eigen::Vector3d position(speed_m_s * t, 0.3 * std::sin(0.9 * t),
                                    lidar_height_m + 0.03 * std::sin(5.0 * t));
     const double scale = speed_m_s > 0.0 ? 1.0 : 0.0;
@@ -39,9 +54,9 @@ struct SyntheticDrive {
   }
   Timestamp StampAt(double t) const { return AddSeconds(kStartNs, t); }
 
-  /// Boxes (min, max corner): facades with bays, whose sides tell the motion along the street.
-  static std::vector<std::pair<Eigen::Vector3d, Eigen::Vector3d>> Boxes() {
-    std::vector<std::pair<Eigen::Vector3d, Eigen::Vector3d>> boxes;
+  /// Facades with bays, whose sides tell the motion along the street.
+  static std::vector<Box> Street() {
+    std::vector<Box> boxes;
     for (int i = -6; i < 14; ++i) {
       const double x = 7.0 * i;
       for (const double side : {-1.0, 1.0}) {
@@ -54,9 +69,34 @@ struct SyntheticDrive {
     return boxes;
   }
 
+  /// Walls and a ceiling without any end or feature: nothing tells the motion along it.
+  static std::vector<Box> Tunnel() {
+    return {{{-1e4, 4.0, -1.0}, {1e4, 5.0, 6.0}},
+            {{-1e4, -5.0, -1.0}, {1e4, -4.0, 6.0}},
+            {{-1e4, -5.0, 5.0}, {1e4, 5.0, 6.0}}};
+  }
+
+  /// Houses around a loop of that radius: one block inside, a ring of houses outside.
+  static std::vector<Box> Ring(double radius_m) {
+    const Eigen::Vector3d center(0.0, radius_m, 0.0);
+    std::vector<Box> boxes;
+    const double inner_m = 0.5 * radius_m;
+    boxes.push_back({center + Eigen::Vector3d(-inner_m, -inner_m, -1.0),
+                     center + Eigen::Vector3d(inner_m, inner_m, 9.0)});
+    const int count = static_cast<int>(radius_m);
+    for (int i = 0; i < count; ++i) {
+      const double angle = 2.0 * 3.14159265 * i / count;
+      const double away_m = radius_m + 9.0 + (i * i) % 3;
+      const Eigen::Vector3d middle =
+          center + away_m * Eigen::Vector3d(std::cos(angle), std::sin(angle), 0.0);
+      boxes.push_back({middle + Eigen::Vector3d(-2.0, -2.0, -1.0),
+                       middle + Eigen::Vector3d(2.0, 2.0, 5.0 + i % 4)});
+    }
+    return boxes;
+  }
+
   /// Distance to the first surface, infinite for the sky.
-  static double Cast(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) {
-    static const auto boxes = Boxes();
+  double Cast(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const {
     double nearest =
         direction.z() < 0.0 ? -origin.z() / direction.z() : std::numeric_limits<double>::infinity();
     for (const auto& [low, high] : boxes) {
@@ -126,6 +166,22 @@ struct SyntheticDrive {
           now.rotation.conjugate() * (acceleration + Eigen::Vector3d(0.0, 0.0, 9.81)) +
           accelerometer_bias_m_s2 + noise(0.03);
       samples.push_back(sample);
+    }
+    return samples;
+  }
+
+  /// Dead reckoning at 50 Hz: every way too long by odometry_scale_error, noise on every step.
+  std::vector<OdometrySample> Odometry(double duration_s, std::uint64_t seed) const {
+    constexpr double kRateHz = 50.0;
+    constexpr double kNoiseM = 0.001;
+    Random random(seed);
+    std::vector<OdometrySample> samples = {{StampAt(0.0), Rigid3()}};
+    for (int i = 1; i <= static_cast<int>(duration_s * kRateHz); ++i) {
+      Rigid3 step = (WorldFromLidar((i - 1) / kRateHz) * lidar_from_body).Inverse() *
+                    (WorldFromLidar(i / kRateHz) * lidar_from_body);
+      step.translation *= 1.0 + odometry_scale_error;
+      for (int axis = 0; axis < 3; ++axis) step.translation[axis] += kNoiseM * random.Gaussian();
+      samples.push_back({StampAt(i / kRateHz), samples.back().odom_from_body * step});
     }
     return samples;
   }

@@ -31,6 +31,8 @@ class MotionPrior {
 
   /// Identity when the rig has no IMU; imu() is empty then.
   Rigid3 lidar_from_imu() const { return lidar_from_imu_.value_or(Rigid3::Identity()); }
+  /// Identity when the rig has no odometry; odometry() is empty then.
+  Rigid3 lidar_from_body() const { return lidar_from_body_.value_or(Rigid3::Identity()); }
   const std::deque<ImuSample>& imu() const { return imu_; }
   const std::deque<OdometrySample>& odometry() const { return odometry_; }
   /// Samples refused: not finite, or a stamp that was there already.

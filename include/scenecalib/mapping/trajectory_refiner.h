@@ -31,6 +31,7 @@ struct RefinementOptions {
   int max_solver_iterations = 150;
   double solver_tolerance = 1e-4;
   bool use_accelerometer = true;
+  bool use_odometry = true;
   void Visit(OptionVisitor& v) {
     v.Field("enabled", &enabled, "false: the odometry's trajectory is used as it is");
     v.Field("knot_interval_s", &knot_interval_s, {0.01, 0.5}, "between knots of the pose spline");
@@ -54,6 +55,8 @@ struct RefinementOptions {
     v.Field("solver_tolerance", &solver_tolerance, {1e-12, 0.5},
             "relative residual at which a round's linear solve stops");
     v.Field("use_accelerometer", &use_accelerometer, "false: only the gyroscope is used");
+    v.Field("use_odometry", &use_odometry,
+            "false: the odometry only predicts where the registration of a scan begins");
   }
 };
 
@@ -71,14 +74,19 @@ struct RefinementResult {
   std::optional<Eigen::Vector3d> gravity_in_map_m_s2;      ///< about 9.81 downwards
   double gyroscope_sigma_rad_s = 0.0;                      ///< per axis, from the residuals
   double accelerometer_sigma_m_s2 = 0.0;                   ///< per axis, from the residuals
+  std::optional<double> odometry_scale_error;  ///< odometry's way over the true way, less 1
+  double odometry_sigma_m_s = 0.0;             ///< per axis, from the residuals
+  /// Share of the time at which the lidar does not see the motion along some direction.
+  double degenerate_share = 0.0;
   std::vector<RelativeMotionSigma> relative_motion;
 };
 
 /// Refines a trajectory in continuous time: every point counts at its own time, planes are shared
 /// by all scans and solved with the trajectory, gyroscope (with bias) and accelerometer (with bias
-/// and gravity) bear the short intervals. The planes' parameters are eliminated from each
-/// Gauss-Newton step (docs/math.md): alternating between planes and poses instead takes hundreds of
-/// rounds for the smooth errors that matter most here.
+/// and gravity) bear the short intervals, odometry's velocity (with a scale) what the lidar does
+/// not see. The planes' parameters are eliminated from each Gauss-Newton step (docs/math.md):
+/// alternating between planes and poses instead takes hundreds of rounds for the smooth errors that
+/// matter most here.
 ///
 /// `scans` lie within the initial spline's time. The relative-motion sigma compares the solutions
 /// of two halves of the data, so that it sees what a formal covariance does not. Deterministic for
