@@ -157,6 +157,7 @@ cv::Mat CameraTracker::DebugImage() const {
   };
   constexpr std::size_t kTail = 10;
   for (const ActiveTrack& active : impl_->live->active()) {
+    if (active.num_missed > 0) continue;
     const auto& observations = active.track.observations;
     const std::size_t n = observations.size();
     // Young tracks red, old ones green.

@@ -1,5 +1,6 @@
 #include "scenecalib/tracking/image_flow.h"
 
+#include <algorithm>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
@@ -7,11 +8,23 @@
 namespace scenecalib {
 namespace {
 
-std::vector<cv::Point2f> ToPoints(const std::vector<Eigen::Vector2d>& pixels) {
+/// Images wider than this are searched at half size, wider than thrice this at a quarter, ...
+constexpr int kFullSizeWidthPx = 640;
+/// Coarsest level: no narrower than this.
+constexpr int kMinWidthPx = 60;
+
+int BaseLevel(const cv::Mat& image) {
+  int level = 0;
+  for (int width_px = image.cols; width_px > kFullSizeWidthPx; width_px /= 3) ++level;
+  return level;
+}
+
+std::vector<cv::Point2f> ToPoints(const std::vector<Eigen::Vector2d>& pixels, double scale) {
   std::vector<cv::Point2f> points;
   points.reserve(pixels.size());
   for (const Eigen::Vector2d& pixel : pixels) {
-    points.emplace_back(static_cast<float>(pixel.x()), static_cast<float>(pixel.y()));
+    points.emplace_back(static_cast<float>(pixel.x() / scale),
+                        static_cast<float>(pixel.y() / scale));
   }
   return points;
 }
@@ -19,11 +32,23 @@ std::vector<cv::Point2f> ToPoints(const std::vector<Eigen::Vector2d>& pixels) {
 }  // namespace
 
 FlowPyramid BuildFlowPyramid(const cv::Mat& image, bool equalise, const FlowOptions& options) {
-  cv::Mat equalised = image;
-  if (equalise) cv::createCLAHE(4.0, {8, 8})->apply(image, equalised);
   FlowPyramid pyramid;
+  pyramid.base_level = BaseLevel(image);
+  cv::Mat base = image;
+  for (int i = 0; i < pyramid.base_level; ++i) {
+    cv::Mat half;
+    cv::pyrDown(base, half);
+    base = half;
+  }
+  if (equalise) {
+    cv::Mat equalised;
+    cv::createCLAHE(4.0, {8, 8})->apply(base, equalised);
+    base = equalised;
+  }
   const cv::Size window(options.window_px, options.window_px);
-  cv::buildOpticalFlowPyramid(equalised, pyramid, window, options.pyramid_levels, true);
+  int levels = 0;
+  while (levels < options.pyramid_levels && (base.cols >> (levels + 1)) >= kMinWidthPx) ++levels;
+  cv::buildOpticalFlowPyramid(base, pyramid.levels, window, levels, true);
   return pyramid;
 }
 
@@ -32,22 +57,23 @@ std::vector<std::optional<Eigen::Vector2d>> FlowThereAndBack(
     const std::vector<Eigen::Vector2d>& predicted, const FlowOptions& options) {
   std::vector<std::optional<Eigen::Vector2d>> flow(before.size());
   if (before.empty()) return flow;
-  const std::vector<cv::Point2f> start = ToPoints(before);
-  std::vector<cv::Point2f> after = ToPoints(predicted);
+  const double scale = first.scale();
+  const std::vector<cv::Point2f> start = ToPoints(before, scale);
+  std::vector<cv::Point2f> after = ToPoints(predicted, scale);
   std::vector<cv::Point2f> back = start;
   std::vector<uchar> found, found_back;
   std::vector<float> error;
   const cv::Size window(options.window_px, options.window_px);
-  const cv::TermCriteria criteria(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 20, 0.03);
-  cv::calcOpticalFlowPyrLK(first, second, start, after, found, error, window,
+  const cv::TermCriteria criteria(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 10, 0.05);
+  cv::calcOpticalFlowPyrLK(first.levels, second.levels, start, after, found, error, window,
                            options.pyramid_levels, criteria, cv::OPTFLOW_USE_INITIAL_FLOW);
-  cv::calcOpticalFlowPyrLK(second, first, after, back, found_back, error, window,
-                           options.pyramid_levels, criteria, cv::OPTFLOW_USE_INITIAL_FLOW);
+  cv::calcOpticalFlowPyrLK(second.levels, first.levels, after, back, found_back, error, window, 0,
+                           criteria, cv::OPTFLOW_USE_INITIAL_FLOW);
+  const double max_gap = options.max_forward_backward_px / std::max(1.0, 0.5 * scale);
   for (std::size_t i = 0; i < before.size(); ++i) {
     const cv::Point2f gap = back[i] - start[i];
-    if (found[i] != 0 && found_back[i] != 0 &&
-        std::hypot(gap.x, gap.y) <= options.max_forward_backward_px) {
-      flow[i] = Eigen::Vector2d(after[i].x, after[i].y);
+    if (found[i] != 0 && found_back[i] != 0 && std::hypot(gap.x, gap.y) <= max_gap) {
+      flow[i] = scale * Eigen::Vector2d(after[i].x, after[i].y);
     }
   }
   return flow;

@@ -20,6 +20,13 @@ namespace {
 constexpr std::size_t kStaticWindow = 8;
 /// New features keep off this far from something fixed to the vehicle.
 constexpr int kFixedMarginPx = 7;
+/// The check for what is fixed to the vehicle looks back over many images: it need not be made
+/// often.
+constexpr int kFixedCheckPeriod = 4;
+/// Images for which the place of a patch that straddles an edge is remembered.
+constexpr int kEdgeMemory = 8;
+/// Noise of a bilinear reading as a share of the pixels' own.
+constexpr double kBilinearNoise = 0.8;
 /// Two live tracks nearer than this follow the same thing: the younger ends.
 constexpr int kMergeDistancePx = 4;
 /// How far from its prediction by scene flow a lost feature is looked for.
@@ -63,28 +70,34 @@ LiveTracker::LiveTracker(CameraModelPtr model, const TrackingOptions& options)
     : model_(std::move(model)),
       options_(options),
       domain_(MakeDomainMask(*model_, options_.registration.live_radius_px + 2)),
-      fixed_(domain_.size(), CV_8UC1, cv::Scalar(0)) {}
+      allowed_(domain_.clone()) {}
 
 FrameTracking LiveTracker::Add(const GrayImage& image) {
   FrameTracking frame;
   frame.stamp_ns = image.stamp_ns;
-  cv::Scalar mean, deviation;
-  cv::meanStdDev(image.pixels, mean, deviation);
-  frame.mean_brightness = mean[0];
-  frame.is_black = mean[0] < kBlackMean && deviation[0] < kBlackDeviation;
+  const ImageQuality quality = MeasureImageQuality(image.pixels, domain_);
+  frame.mean_brightness = quality.mean;
+  frame.is_black = quality.mean < kBlackMean && quality.contrast < kBlackDeviation;
+  const RegistrationOptions& registration = options_.registration;
+  max_residual_levels_ =
+      std::hypot(registration.max_residual_noise * kBilinearNoise * quality.noise_levels,
+                 registration.max_residual_contrast * quality.contrast);
 
   const bool is_first = previous_image_.empty();
-  const bool equalise = mean[0] < options_.flow.dark_mean;
+  const bool equalise = quality.mean < options_.flow.dark_mean;
   if (equalise != previous_equalised_ && !is_first) {
     // Both images of a pair must have been treated alike.
     previous_pyramid_ = BuildFlowPyramid(previous_image_, equalise, options_.flow);
   }
   FlowPyramid pyramid = BuildFlowPyramid(image.pixels, equalise, options_.flow);
   if (!is_first) Follow(image, pyramid, &frame);
-  RemoveDuplicates(&frame);
-  RemoveFixed(&frame);
-  frame.num_tracked = static_cast<int>(active_.size());
-  if (!frame.is_black) Detect(image, pyramid.front(), &frame);
+  RemoveDuplicates(pyramid.scale(), &frame);
+  if (++num_images_ % kFixedCheckPeriod == 0) RemoveFixed(&frame);
+  frame.num_tracked =
+      static_cast<int>(std::count_if(active_.begin(), active_.end(), [](const ActiveTrack& track) {
+        return track.num_missed == 0;
+      }));
+  if (!frame.is_black) Detect(image, pyramid, &frame);
 
   previous_image_ = image.pixels;
   previous_pyramid_ = std::move(pyramid);
@@ -106,15 +119,17 @@ std::vector<LiveTracker::Prediction> LiveTracker::Predict(Timestamp stamp_ns) co
   for (std::size_t i = 0; i < active_.size(); ++i) {
     const auto& observations = active_[i].track.observations;
     const std::size_t n = observations.size();
-    const LiveObservation& last = observations[n - 1];
+    const LiveObservation& last = active_[i].place;
     predicted[i].pixel = last.pixel;
     predicted[i].affine_from_first = last.affine_from_first;
-    if (n < 2) {
+    if (active_[i].num_missed > 0) continue;
+    if (n < 2 || observations[n - 2].stamp_ns != before_previous_stamp_ns_) {
       unknown.push_back(i);
       continue;
     }
     Eigen::Vector2d step = last.pixel - observations[n - 2].pixel;
-    if (n > 2) {
+    if (n > 2 &&
+        SecondsBetween(observations[n - 3].stamp_ns, before_previous_stamp_ns_) < 1.5 * last_s) {
       const double before = (observations[n - 2].pixel - observations[n - 3].pixel).norm();
       // Only steps well above the noise tell how they grow.
       if (before > 2.0) step *= std::clamp(step.norm() / before, 0.6, 1.6);
@@ -125,7 +140,15 @@ std::vector<LiveTracker::Prediction> LiveTracker::Predict(Timestamp stamp_ns) co
     predicted[i].pixel += ratio * step;
     known.emplace_back(last.pixel, ratio * step);
   }
-  for (std::size_t i : unknown) BorrowMotion(known, &predicted[i]);
+  for (std::size_t i : unknown) {
+    const auto step = scene_flow_ ? scene_flow_->Predict(predicted[i].pixel) : std::nullopt;
+    if (step) {
+      predicted[i].pixel += ratio * (step->center_px - predicted[i].pixel);
+      predicted[i].affine_from_first = step->affine * predicted[i].affine_from_first;
+    } else {
+      BorrowMotion(known, &predicted[i]);
+    }
+  }
   return predicted;
 }
 
@@ -153,36 +176,60 @@ void LiveTracker::BorrowMotion(
 void LiveTracker::Follow(const GrayImage& image, const FlowPyramid& pyramid, FrameTracking* frame) {
   std::vector<Prediction> predicted = Predict(image.stamp_ns);
   std::vector<Eigen::Vector2d> before, expected;
+  std::vector<std::size_t> followed;
   for (std::size_t i = 0; i < active_.size(); ++i) {
-    before.push_back(active_[i].track.observations.back().pixel);
+    if (active_[i].num_missed > 0) continue;
+    followed.push_back(i);
+    before.push_back(active_[i].place.pixel);
     expected.push_back(predicted[i].pixel);
   }
   const auto flow = FlowThereAndBack(previous_pyramid_, pyramid, before, expected, options_.flow);
   std::vector<char> is_extended(active_.size(), 0);
-  const auto for_each = [this](const auto& body) {
-    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, active_.size(), 32),
+  const auto for_each = [](std::size_t size, const auto& body) {
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, size, 32),
                       [&](const tbb::blocked_range<std::size_t>& range) {
                         for (std::size_t i = range.begin(); i < range.end(); ++i) body(i);
                       });
   };
-  for_each([&](std::size_t i) {
-    if (!flow[i]) return;
-    predicted[i].pixel = *flow[i];
-    is_extended[i] = Extend(image, predicted[i], &active_[i]) ? 1 : 0;
+  for_each(followed.size(), [&](std::size_t k) {
+    if (!flow[k]) return;
+    const std::size_t i = followed[k];
+    predicted[i].pixel = *flow[k];
+    is_extended[i] =
+        Extend(image, predicted[i], options_.registration.min_live_ncc, &active_[i]) ? 1 : 0;
   });
   EstimateSceneFlow(is_extended);
-  if (scene_flow_) {
-    for_each([&](std::size_t i) {
-      if (is_extended[i] != 0) return;
-      const auto step = scene_flow_->Predict(before[i]);
-      is_extended[i] = step && Rescue(image, pyramid, *step, &active_[i]) ? 1 : 0;
-    });
+  std::vector<char> is_kept = is_extended;
+  for_each(active_.size(), [&](std::size_t i) {
+    if (is_extended[i] == 0) is_kept[i] = FindAgain(image, pyramid, &active_[i]) ? 1 : 0;
+  });
+  frame->num_rejected += EndOthers(is_kept, false);
+}
+
+/// Looks for a lost feature where scene flow predicts it; where that fails too the prediction is
+/// its place until the next image. False when the track has to be given up.
+bool LiveTracker::FindAgain(const GrayImage& image, const FlowPyramid& pyramid,
+                            ActiveTrack* active_track) const {
+  if (!scene_flow_) return false;
+  const auto step = scene_flow_->Predict(active_track->place.pixel);
+  if (!step || !IsSet(domain_, step->center_px)) return false;
+  const Prediction predicted{step->center_px, step->affine * active_track->place.affine_from_first};
+  if (!active_track->straddles_edge) {
+    if (active_track->num_missed == 0
+            ? Rescue(image, pyramid, *step, active_track)
+            : Extend(image, predicted, options_.registration.min_ncc, active_track)) {
+      return true;
+    }
   }
-  frame->num_rejected += EndOthers(is_extended, false);
+  active_track->place = {image.stamp_ns, predicted.pixel, predicted.affine_from_first};
+  ++active_track->num_missed;
+  if (active_track->straddles_edge) return active_track->num_missed <= kEdgeMemory;
+  return active_track->num_missed <= options_.flow.max_gap_images &&
+         active_track->track.observations.size() >= 2;
 }
 
 /// Registers one feature against its patch; false when the track ends here.
-bool LiveTracker::Extend(const GrayImage& image, const Prediction& predicted,
+bool LiveTracker::Extend(const GrayImage& image, const Prediction& predicted, double min_ncc,
                          ActiveTrack* active_track) const {
   const RegistrationOptions& registration = options_.registration;
   PatchWarp initial;
@@ -192,7 +239,9 @@ bool LiveTracker::Extend(const GrayImage& image, const Prediction& predicted,
                                        kLiveConvergence * registration.convergence_px,
                                        registration.max_correction_px};
   const auto match = active_track->patch.Register(image.pixels, initial, limits);
-  if (!match || match->ncc < registration.min_live_ncc || !IsSet(domain_, match->warp.center_px)) {
+  if (!match || match->ncc < min_ncc || !IsSet(domain_, match->warp.center_px)) return false;
+  if (match->residual_sigma > max_residual_levels_ * std::hypot(1.0, match->gain)) {
+    active_track->straddles_edge = true;
     return false;
   }
   LiveObservation observation;
@@ -202,12 +251,14 @@ bool LiveTracker::Extend(const GrayImage& image, const Prediction& predicted,
   if (ScaleChange(match->warp.affine) > registration.max_live_scale) {
     // Drift that this brings is undone by the final registration against one reference.
     auto patch = PatchTemplate::Create(image.pixels, observation.pixel, registration.live_radius_px,
-                                       WarpFreedom::kAffine);
+                                       WarpFreedom::kAffine, PatchReading::kBilinear);
     if (!patch) return false;
     active_track->patch = std::move(*patch);
     active_track->patch_affine_from_first = observation.affine_from_first;
   }
   active_track->track.observations.push_back(observation);
+  active_track->place = observation;
+  active_track->num_missed = 0;
   return true;
 }
 
@@ -215,37 +266,42 @@ bool LiveTracker::Extend(const GrayImage& image, const Prediction& predicted,
 void LiveTracker::EstimateSceneFlow(const std::vector<char>& is_extended) {
   std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>> pixels;
   for (std::size_t i = 0; i < active_.size(); ++i) {
-    if (is_extended[i] == 0) continue;
     const auto& observations = active_[i].track.observations;
+    if (is_extended[i] == 0 ||
+        observations[observations.size() - 2].stamp_ns != previous_stamp_ns_) {
+      continue;
+    }
     pixels.emplace_back(observations[observations.size() - 2].pixel, observations.back().pixel);
   }
   const VerificationOptions& verification = options_.verification;
+  const std::optional<SceneFlow> before = std::move(scene_flow_);
   scene_flow_ = SceneFlow::Estimate(
       *model_, pixels, verification.min_motion_px,
-      {verification.ransac_iterations / 2, verification.max_epipolar_error_px, 1});
+      {verification.ransac_iterations / 2, verification.max_epipolar_error_px, 1},
+      before ? &*before : nullptr);
 }
 
-/// Finds by scene flow what the search did not: first the shift at half resolution, where it may be
-/// large, against the previous image; then Extend.
+/// Finds by scene flow what the search did not: first the shift on the reduced image, where it may
+/// be large, against the previous image; then Extend.
 bool LiveTracker::Rescue(const GrayImage& image, const FlowPyramid& pyramid, const PatchWarp& step,
                          ActiveTrack* active_track) const {
-  constexpr std::size_t kHalfSize = 2;  // in OpenCV's order of a pyramid
-  const LiveObservation& last = active_track->track.observations.back();
+  const LiveObservation& last = active_track->place;
   Prediction predicted{step.center_px, step.affine * last.affine_from_first};
-  if (pyramid.size() > kHalfSize && previous_pyramid_.size() > kHalfSize) {
-    const auto patch =
-        PatchTemplate::Create(previous_pyramid_[kHalfSize], 0.5 * last.pixel,
-                              options_.registration.live_radius_px, WarpFreedom::kShift);
+  if (pyramid.base_level > 0) {
+    const double scale = pyramid.scale();
+    const auto patch = PatchTemplate::Create(previous_pyramid_.base(), last.pixel / scale,
+                                             options_.registration.live_radius_px,
+                                             WarpFreedom::kShift, PatchReading::kBilinear);
     if (!patch) return false;
-    PatchWarp half = step;
-    half.center_px *= 0.5;
+    PatchWarp reduced = step;
+    reduced.center_px /= scale;
     const auto match =
-        patch->Register(pyramid[kHalfSize], half,
-                        {options_.registration.max_iterations, 0.05, kMaxRescueShiftPx / 2.0});
+        patch->Register(pyramid.base(), reduced,
+                        {options_.registration.max_iterations, 0.05, kMaxRescueShiftPx / scale});
     if (!match || match->ncc < options_.registration.min_live_ncc) return false;
-    predicted.pixel = 2.0 * match->warp.center_px;
+    predicted.pixel = scale * match->warp.center_px;
   }
-  return Extend(image, predicted, active_track);
+  return Extend(image, predicted, options_.registration.min_live_ncc, active_track);
 }
 
 int LiveTracker::EndOthers(const std::vector<char>& is_kept, bool forget) {
@@ -265,21 +321,25 @@ int LiveTracker::EndOthers(const std::vector<char>& is_kept, bool forget) {
 }
 
 /// Of two tracks that ran into each other the one with the shorter history ends.
-void LiveTracker::RemoveDuplicates(FrameTracking* frame) {
-  std::vector<std::size_t> order(active_.size());
-  std::iota(order.begin(), order.end(), std::size_t{0});
+void LiveTracker::RemoveDuplicates(double scale, FrameTracking* frame) {
+  std::vector<std::size_t> order;
+  for (std::size_t i = 0; i < active_.size(); ++i) {
+    if (active_[i].num_missed == 0) order.push_back(i);
+  }
   std::stable_sort(order.begin(), order.end(), [this](std::size_t a, std::size_t b) {
     return active_[a].track.observations.size() > active_[b].track.observations.size();
   });
-  cv::Mat taken(domain_.size(), CV_8UC1, cv::Scalar(0));
+  cv::Mat taken(static_cast<int>(domain_.rows / scale) + 1,
+                static_cast<int>(domain_.cols / scale) + 1, CV_8UC1, cv::Scalar(0));
+  const int radius = std::max(1, static_cast<int>(std::lround(kMergeDistancePx / scale)));
   std::vector<char> is_kept(active_.size(), 1);
   for (std::size_t i : order) {
-    const Eigen::Vector2d pixel = active_[i].track.observations.back().pixel;
+    const Eigen::Vector2d pixel = active_[i].place.pixel / scale;
     if (IsSet(taken, pixel)) {
       is_kept[i] = 0;
       active_[i].track.observations.pop_back();  // this sighting belongs to the other track
     } else {
-      cv::circle(taken, ToPoint(pixel), kMergeDistancePx, cv::Scalar(255), cv::FILLED);
+      cv::circle(taken, ToPoint(pixel), radius, cv::Scalar(255), cv::FILLED);
     }
   }
   frame->num_rejected += EndOthers(is_kept, false);
@@ -291,7 +351,7 @@ void LiveTracker::RemoveFixed(FrameTracking* frame) {
   std::vector<std::size_t> judged;
   for (std::size_t i = 0; i < active_.size(); ++i) {
     const auto& observations = active_[i].track.observations;
-    if (observations.size() < kStaticWindow) continue;
+    if (observations.size() < kStaticWindow || active_[i].num_missed > 0) continue;
     const std::size_t first = observations.size() - kStaticWindow;
     FeatureMotion motion;
     motion.pixel = observations.back().pixel;
@@ -307,48 +367,64 @@ void LiveTracker::RemoveFixed(FrameTracking* frame) {
   for (std::size_t k = 0; k < judged.size(); ++k) {
     if (!is_fixed[k]) continue;
     is_kept[judged[k]] = 0;
-    cv::circle(fixed_, ToPoint(motions[k].pixel), kFixedMarginPx, cv::Scalar(255), cv::FILLED);
+    cv::circle(allowed_, ToPoint(motions[k].pixel), kFixedMarginPx, cv::Scalar(0), cv::FILLED);
   }
   frame->num_rejected += EndOthers(is_kept, true);
 }
 
-/// Clears the mask where a new feature would be out of the image in the next one, were the motion
-/// to go on.
-void LiveTracker::MaskWhatLeaves(cv::Mat* mask) const {
-  if (!scene_flow_) return;
-  constexpr int kCellPx = 40;
-  const int columns = (mask->cols + kCellPx - 1) / kCellPx;
-  const int rows = (mask->rows + kCellPx - 1) / kCellPx;
-  std::vector<char> leaves(static_cast<std::size_t>(columns * rows), 0);
-  tbb::parallel_for(0, columns * rows, [&](int cell) {
-    const Eigen::Vector2d center((cell % columns + 0.5) * kCellPx,
-                                 (cell / columns + 0.5) * kCellPx);
-    if (!IsSet(domain_, center)) return;
-    const auto step = scene_flow_->Predict(center);
-    leaves[cell] = step && IsSet(domain_, step->center_px) ? 0 : 1;
-  });
-  const cv::Rect whole(0, 0, mask->cols, mask->rows);
-  for (int cell = 0; cell < columns * rows; ++cell) {
-    if (leaves[cell] == 0) continue;
-    const cv::Rect area(cell % columns * kCellPx, cell / columns * kCellPx, kCellPx, kCellPx);
-    (*mask)(area & whole).setTo(0);
+/// Where new features are looked for in the reduced image: not on what is fixed to the vehicle, nor
+/// where a feature would be out of the image in the next one, were the motion to go on, nor where a
+/// patch was just found to straddle an edge.
+cv::Mat LiveTracker::DetectionMask(const FlowPyramid& pyramid) const {
+  constexpr int kCellsAcross = 24;
+  cv::Mat mask;
+  cv::resize(allowed_, mask, pyramid.base().size(), 0.0, 0.0, cv::INTER_NEAREST);
+  const double scale = pyramid.scale();
+  for (const ActiveTrack& track : active_) {
+    if (!track.straddles_edge) continue;
+    cv::circle(mask, ToPoint(track.place.pixel / scale),
+               static_cast<int>(options_.registration.live_radius_px / scale), cv::Scalar(0),
+               cv::FILLED);
   }
+  if (!scene_flow_) return mask;
+  const int cell_px = std::max(8, mask.cols / kCellsAcross);
+  const int columns = (mask.cols + cell_px - 1) / cell_px;
+  const int rows = (mask.rows + cell_px - 1) / cell_px;
+  const cv::Rect whole(0, 0, mask.cols, mask.rows);
+  for (int cell = 0; cell < columns * rows; ++cell) {
+    const Eigen::Vector2d center =
+        scale * cell_px * Eigen::Vector2d(cell % columns + 0.5, cell / columns + 0.5);
+    if (!IsSet(domain_, center)) continue;
+    const auto step = scene_flow_->Predict(center);
+    if (step && IsSet(domain_, step->center_px)) continue;
+    const cv::Rect area(cell % columns * cell_px, cell / columns * cell_px, cell_px, cell_px);
+    mask(area & whole).setTo(0);
+  }
+  return mask;
 }
 
-void LiveTracker::Detect(const GrayImage& image, const cv::Mat& equalised, FrameTracking* frame) {
-  cv::Mat mask = Mask();
-  MaskWhatLeaves(&mask);
+void LiveTracker::Detect(const GrayImage& image, const FlowPyramid& pyramid, FrameTracking* frame) {
+  const double scale = pyramid.scale();
+  DetectionOptions reduced = options_.detection;
+  reduced.min_distance_px = reduced.min_distance_px / scale;
+  reduced.bucket_px = static_cast<int>(std::lround(reduced.bucket_px / scale));
   std::vector<Eigen::Vector2d> live;
   live.reserve(active_.size());
-  for (const ActiveTrack& track : active_) live.push_back(track.track.observations.back().pixel);
-  for (const Eigen::Vector2d& pixel : DetectFeatures(equalised, mask, live, options_.detection)) {
+  for (const ActiveTrack& track : active_) {
+    if (track.num_missed == 0) live.push_back(track.place.pixel / scale);
+  }
+  for (const Eigen::Vector2d& found :
+       DetectFeatures(pyramid.base(), DetectionMask(pyramid), live, reduced)) {
+    const Eigen::Vector2d pixel = scale * found;
+    if (!IsSet(domain_, pixel)) continue;
     auto patch = PatchTemplate::Create(image.pixels, pixel, options_.registration.live_radius_px,
-                                       WarpFreedom::kAffine);
+                                       WarpFreedom::kAffine, PatchReading::kBilinear);
     if (!patch) continue;
-    LiveTrack track;
-    track.id = next_id_++;
-    track.observations.push_back({image.stamp_ns, pixel, Eigen::Matrix2d::Identity()});
-    active_.push_back({std::move(track), std::move(*patch), Eigen::Matrix2d::Identity()});
+    ActiveTrack track{{}, std::move(*patch), Eigen::Matrix2d::Identity(), {}, 0, false};
+    track.place = {image.stamp_ns, pixel, Eigen::Matrix2d::Identity()};
+    track.track.id = next_id_++;
+    track.track.observations.push_back(track.place);
+    active_.push_back(std::move(track));
     ++frame->num_new;
   }
 }
@@ -375,12 +451,6 @@ std::vector<LiveTrack> LiveTracker::Tracks() const {
   std::vector<LiveTrack> tracks = finished_;
   for (const ActiveTrack& track : active_) tracks.push_back(track.track);
   return tracks;
-}
-
-cv::Mat LiveTracker::Mask() const {
-  cv::Mat mask = domain_.clone();
-  mask.setTo(0, fixed_);
-  return mask;
 }
 
 }  // namespace scenecalib

@@ -10,38 +10,54 @@ namespace {
 
 using cv::v_float32x4;
 
-/// Weights of the cubic B-spline for the four pixels around a position with fraction t: four
-/// polynomials of t at once.
-inline v_float32x4 SplineWeights(float t) {
-  const v_float32x4 v = cv::v_setall_f32(t);
-  v_float32x4 weights(-1.0F / 6.0F, 0.5F, -0.5F, 1.0F / 6.0F);
-  weights = cv::v_muladd(weights, v, v_float32x4(0.5F, -1.0F, 0.5F, 0.0F));
-  weights = cv::v_muladd(weights, v, v_float32x4(-0.5F, 0.0F, 0.5F, 0.0F));
-  return cv::v_muladd(weights, v, v_float32x4(1.0F / 6.0F, 2.0F / 3.0F, 1.0F / 6.0F, 0.0F));
+/// Weights of the cubic B-spline for the four pixels around a position with fraction t.
+void SplineWeights(float t, float* weights) {
+  const float u = 1.0F - t;
+  weights[0] = u * u * u / 6.0F;
+  weights[1] = 2.0F / 3.0F - t * t + 0.5F * t * t * t;
+  weights[2] = 2.0F / 3.0F - u * u + 0.5F * u * u * u;
+  weights[3] = t * t * t / 6.0F;
 }
 
 /// Their derivatives by t.
-inline v_float32x4 SplineDerivatives(float t) {
-  const v_float32x4 v = cv::v_setall_f32(t);
-  v_float32x4 weights(-0.5F, 1.5F, -1.5F, 0.5F);
-  weights = cv::v_muladd(weights, v, v_float32x4(1.0F, -2.0F, 1.0F, 0.0F));
-  return cv::v_muladd(weights, v, v_float32x4(-0.5F, 0.0F, 0.5F, 0.0F));
+void SplineDerivatives(float t, float* weights) {
+  const float u = 1.0F - t;
+  weights[0] = -0.5F * u * u;
+  weights[1] = -2.0F * t + 1.5F * t * t;
+  weights[2] = 2.0F * u - 1.5F * u * u;
+  weights[3] = 0.5F * t * t;
 }
+
+/// The weights in steps of 1/512 px: rounding to them is random from pixel to pixel of a patch.
+class SplineTable {
+ public:
+  SplineTable() {
+    for (int i = 0; i <= kSteps; ++i) SplineWeights(static_cast<float>(i) / kSteps, weights_[i]);
+  }
+
+  const float* Weights(float fraction) const {
+    return weights_[static_cast<int>(fraction * kSteps + 0.5F)];
+  }
+
+ private:
+  static constexpr int kSteps = 512;
+  float weights_[kSteps + 1][4];
+};
+
+const SplineTable kSpline;
 
 inline v_float32x4 LoadRow(const uchar* row) {
   return cv::v_cvt_f32(cv::v_reinterpret_as_s32(cv::v_load_expand_q(row)));
 }
 
 /// Sum over the 4x4 pixels that begin at `corner`, with separable weights.
-inline float Convolve(const uchar* corner, std::size_t step, const v_float32x4& weights_x,
-                      const v_float32x4& weights_y) {
-  float y[4];
-  cv::v_store(y, weights_y);
-  v_float32x4 sum = LoadRow(corner) * cv::v_setall_f32(y[0]);
-  sum = cv::v_muladd(LoadRow(corner + step), cv::v_setall_f32(y[1]), sum);
-  sum = cv::v_muladd(LoadRow(corner + 2 * step), cv::v_setall_f32(y[2]), sum);
-  sum = cv::v_muladd(LoadRow(corner + 3 * step), cv::v_setall_f32(y[3]), sum);
-  return cv::v_reduce_sum(sum * weights_x);
+inline float Convolve(const uchar* corner, std::size_t step, const float* weights_x,
+                      const float* weights_y) {
+  v_float32x4 sum = LoadRow(corner) * cv::v_setall_f32(weights_y[0]);
+  sum = cv::v_muladd(LoadRow(corner + step), cv::v_setall_f32(weights_y[1]), sum);
+  sum = cv::v_muladd(LoadRow(corner + 2 * step), cv::v_setall_f32(weights_y[2]), sum);
+  sum = cv::v_muladd(LoadRow(corner + 3 * step), cv::v_setall_f32(weights_y[3]), sum);
+  return cv::v_reduce_sum(sum * cv::v_load(weights_x));
 }
 
 struct Cell {
@@ -61,14 +77,33 @@ inline bool CanRead(const cv::Mat& image, double x, double y) {
   return x >= 1.0 && y >= 1.0 && x < image.cols - 3.0 && y < image.rows - 2.0;
 }
 
+/// Between the middle four of the cell's pixels.
+inline float Bilinear(const Cell& cell, std::size_t step) {
+  const uchar* above = cell.corner + step + 1;
+  const uchar* below = above + step;
+  const float top = above[0] + cell.fraction_x * static_cast<float>(above[1] - above[0]);
+  const float bottom = below[0] + cell.fraction_x * static_cast<float>(below[1] - below[0]);
+  return top + cell.fraction_y * (bottom - top);
+}
+
+/// As ReadSmoothed, with bilinear reading; the gradient over two pixels.
+SmoothedPixel ReadBilinear(const cv::Mat& image, double x_px, double y_px) {
+  const auto at = [&image](double x, double y) {
+    return Bilinear(Locate(image, static_cast<float>(x), static_cast<float>(y)), image.step[0]);
+  };
+  return {at(x_px, y_px), 0.5F * (at(x_px + 1.0, y_px) - at(x_px - 1.0, y_px)),
+          0.5F * (at(x_px, y_px + 1.0) - at(x_px, y_px - 1.0))};
+}
+
 }  // namespace
 
 SmoothedPixel ReadSmoothed(const cv::Mat& image, double x_px, double y_px) {
   const Cell cell = Locate(image, static_cast<float>(x_px), static_cast<float>(y_px));
-  const v_float32x4 wx = SplineWeights(cell.fraction_x);
-  const v_float32x4 wy = SplineWeights(cell.fraction_y);
-  const v_float32x4 dx = SplineDerivatives(cell.fraction_x);
-  const v_float32x4 dy = SplineDerivatives(cell.fraction_y);
+  float wx[4], wy[4], dx[4], dy[4];
+  SplineWeights(cell.fraction_x, wx);
+  SplineWeights(cell.fraction_y, wy);
+  SplineDerivatives(cell.fraction_x, dx);
+  SplineDerivatives(cell.fraction_y, dy);
   const std::size_t step = image.step[0];
   return {Convolve(cell.corner, step, wx, wy), Convolve(cell.corner, step, dx, wy),
           Convolve(cell.corner, step, wx, dy)};
@@ -76,7 +111,7 @@ SmoothedPixel ReadSmoothed(const cv::Mat& image, double x_px, double y_px) {
 
 std::optional<PatchTemplate> PatchTemplate::Create(const cv::Mat& image,
                                                    const Eigen::Vector2d& center_px, int radius_px,
-                                                   WarpFreedom freedom) {
+                                                   WarpFreedom freedom, PatchReading reading) {
   const double r = radius_px;
   if (!CanRead(image, center_px.x() - r, center_px.y() - r) ||
       !CanRead(image, center_px.x() + r, center_px.y() + r)) {
@@ -84,6 +119,7 @@ std::optional<PatchTemplate> PatchTemplate::Create(const cv::Mat& image,
   }
   PatchTemplate patch;
   patch.radius_px_ = radius_px;
+  patch.reading_ = reading;
   const int edge = 2 * radius_px + 1;
   const int num_pixels = edge * edge;
   const int num_motion = freedom == WarpFreedom::kShift ? 2 : 6;
@@ -104,7 +140,9 @@ std::optional<PatchTemplate> PatchTemplate::Create(const cv::Mat& image,
   int i = 0;
   for (int y = -radius_px; y <= radius_px; ++y) {
     for (int x = -radius_px; x <= radius_px; ++x, ++i) {
-      const SmoothedPixel pixel = ReadSmoothed(image, center_px.x() + x, center_px.y() + y);
+      const SmoothedPixel pixel = reading == PatchReading::kSmooth
+                                      ? ReadSmoothed(image, center_px.x() + x, center_px.y() + y)
+                                      : ReadBilinear(image, center_px.x() + x, center_px.y() + y);
       const float u = static_cast<float>(x) * inverse_radius;
       const float v = static_cast<float>(y) * inverse_radius;
       weights[i] = profile[x + radius_px] * profile[y + radius_px];
@@ -126,18 +164,16 @@ std::optional<PatchTemplate> PatchTemplate::Create(const cv::Mat& image,
   patch.design_.col(num_motion + 1).setOnes();
   patch.weighted_ = weights.asDiagonal() * patch.design_;
 
-  const Eigen::MatrixXd normal =
-      (patch.design_.transpose() * patch.weighted_).template cast<double>();
-  const Eigen::LDLT<Eigen::MatrixXd> factor(normal);
+  const SmallMatrix normal = (patch.design_.transpose() * patch.weighted_).cast<double>();
+  const Eigen::LDLT<SmallMatrix> factor(normal);
   // A patch without structure in some direction: the smallest pivot vanishes against the largest.
   const double min_pivot = factor.vectorD().minCoeff();
   if (factor.info() != Eigen::Success || !(patch.variance_ > 1e-3) || !(min_pivot > 1e-4)) {
     return std::nullopt;
   }
-  patch.inverse_ = factor.solve(Eigen::MatrixXd::Identity(n, n));
+  patch.inverse_ = factor.solve(SmallMatrix::Identity(n, n));
   // Weighted least squares with a window that is not the inverse noise: the sandwich.
-  const Eigen::MatrixXd meat =
-      (patch.weighted_.transpose() * patch.weighted_).template cast<double>();
+  const SmallMatrix meat = (patch.weighted_.transpose() * patch.weighted_).cast<double>();
   patch.unit_covariance_ = (patch.inverse_ * meat * patch.inverse_).topLeftCorner<2, 2>();
   return patch;
 }
@@ -172,8 +208,10 @@ bool PatchTemplate::Sample(const cv::Mat& image, const PatchWarp& warp,
       const auto fx = static_cast<float>(x);
       const Cell cell = Locate(image, row_x + (slope_x + q(0, 0) * fx) * fx,
                                row_y + (slope_y + q(1, 0) * fx) * fx);
-      *value++ = Convolve(cell.corner, step, SplineWeights(cell.fraction_x),
-                          SplineWeights(cell.fraction_y));
+      *value++ = reading_ == PatchReading::kSmooth
+                     ? Convolve(cell.corner, step, kSpline.Weights(cell.fraction_x),
+                                kSpline.Weights(cell.fraction_y))
+                     : Bilinear(cell, step);
     }
   }
   return true;
@@ -185,7 +223,7 @@ std::optional<PatchMatch> PatchTemplate::Register(const cv::Mat& image, const Pa
   match.warp = initial;
   const int num_motion = num_parameters_ - 2;
   Eigen::VectorXf values;
-  Eigen::VectorXd solution(num_parameters_);
+  SmallVector solution(num_parameters_);
   bool converged = false;
   for (; match.iterations < limits.max_iterations && !converged; ++match.iterations) {
     if (!Sample(image, match.warp, &values)) return std::nullopt;

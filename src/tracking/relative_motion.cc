@@ -14,6 +14,8 @@ namespace {
 
 constexpr int kSampleSize = 6;
 constexpr int kMinPairs = 12;
+/// Pairs that a sample's motion is scored on; the best one is refined on all.
+constexpr std::size_t kMaxScored = 250;
 
 /// Residual and its derivatives by a left perturbation of the rotation and of the direction.
 struct EpipolarResidual {
@@ -100,9 +102,10 @@ void Refine(const std::vector<RayPair>& pairs, const std::vector<int>& chosen, i
 /// Truncated squared error (MSAC), so that among equal counts the tighter fit wins.
 double Score(const std::vector<RayPair>& pairs, const RelativeMotion& motion, double max_error_px) {
   const double bound = max_error_px * max_error_px;
+  const std::size_t stride = std::max<std::size_t>(1, pairs.size() / kMaxScored);
   double score = 0.0;
-  for (const RayPair& pair : pairs) {
-    const double error = EpipolarErrorPx(pair, motion);
+  for (std::size_t i = 0; i < pairs.size(); i += stride) {
+    const double error = EpipolarErrorPx(pairs[i], motion);
     score += std::min(error * error, bound);
   }
   return score;
@@ -117,16 +120,37 @@ std::vector<int> Inliers(const std::vector<RayPair>& pairs, const RelativeMotion
   return inliers;
 }
 
-}  // namespace
-
-double EpipolarErrorPx(const RayPair& pair, const RelativeMotion& motion) {
-  return Evaluate(pair, motion.second_from_first, motion.direction).error_px;
+/// Gauss-Newton on all pairs that agree, whose number shrinks or grows with it.
+void Polish(const std::vector<RayPair>& pairs, double max_error_px, RelativeMotion* motion) {
+  for (int round = 0; round < 3; ++round) {
+    const std::vector<int> inliers = Inliers(pairs, *motion, 2.0 * max_error_px);
+    if (static_cast<int>(inliers.size()) < kMinPairs) break;
+    Refine(pairs, inliers, 3, 0.5 * max_error_px, motion);
+  }
 }
 
-std::optional<RelativeMotion> EstimateRelativeMotion(const std::vector<RayPair>& pairs,
-                                                     const RelativeMotionOptions& options) {
-  if (static_cast<int>(pairs.size()) < kMinPairs) return std::nullopt;
-  const Eigen::Quaterniond common_rotation = FitRotation(pairs);
+/// The motion of the guess brought to these pairs; none when too few agree.
+std::optional<RelativeMotion> FollowGuess(const std::vector<RayPair>& pairs,
+                                          const RelativeMotion& guess,
+                                          const Eigen::Quaterniond& common_rotation,
+                                          double max_error_px) {
+  RelativeMotion motion;
+  motion.second_from_first = common_rotation;
+  motion.direction = guess.direction;
+  std::vector<int> some;
+  const std::size_t stride = std::max<std::size_t>(1, pairs.size() / kMaxScored);
+  for (std::size_t i = 0; i < pairs.size(); i += stride) some.push_back(static_cast<int>(i));
+  Refine(pairs, some, 6, 0.5 * max_error_px, &motion);
+  Polish(pairs, max_error_px, &motion);
+  const std::size_t num_inliers = Inliers(pairs, motion, max_error_px).size();
+  if (4 * num_inliers < 3 * pairs.size()) return std::nullopt;
+  return motion;
+}
+
+/// The best of many samples' motions.
+RelativeMotion SampleMotions(const std::vector<RayPair>& pairs,
+                             const Eigen::Quaterniond& common_rotation,
+                             const RelativeMotionOptions& options) {
   Random random(options.seed);
   RelativeMotion best;
   double best_score = -1.0;
@@ -143,11 +167,26 @@ std::optional<RelativeMotion> EstimateRelativeMotion(const std::vector<RayPair>&
       best = motion;
     }
   }
-  for (int round = 0; round < 3; ++round) {
-    const std::vector<int> inliers = Inliers(pairs, best, 2.0 * options.max_error_px);
-    if (static_cast<int>(inliers.size()) < kMinPairs) break;
-    Refine(pairs, inliers, 3, 0.5 * options.max_error_px, &best);
+  Polish(pairs, options.max_error_px, &best);
+  return best;
+}
+
+}  // namespace
+
+double EpipolarErrorPx(const RayPair& pair, const RelativeMotion& motion) {
+  return Evaluate(pair, motion.second_from_first, motion.direction).error_px;
+}
+
+std::optional<RelativeMotion> EstimateRelativeMotion(const std::vector<RayPair>& pairs,
+                                                     const RelativeMotionOptions& options,
+                                                     const RelativeMotion* guess) {
+  if (static_cast<int>(pairs.size()) < kMinPairs) return std::nullopt;
+  const Eigen::Quaterniond common_rotation = FitRotation(pairs);
+  std::optional<RelativeMotion> followed;
+  if (guess != nullptr) {
+    followed = FollowGuess(pairs, *guess, common_rotation, options.max_error_px);
   }
+  RelativeMotion best = followed ? *followed : SampleMotions(pairs, common_rotation, options);
   const std::vector<int> inliers = Inliers(pairs, best, options.max_error_px);
   best.num_inliers = static_cast<int>(inliers.size());
   if (best.num_inliers < kMinPairs) return std::nullopt;

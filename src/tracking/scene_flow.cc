@@ -10,6 +10,8 @@ namespace {
 
 /// Nearest features that a pixel's inverse range is fitted to.
 constexpr std::size_t kNumSupports = 14;
+/// Cells of the features' index across the image.
+constexpr double kCellsAcross = 24.0;
 /// Half the distance over which the warp is differenced.
 constexpr double kDifferencePx = 4.0;
 
@@ -18,7 +20,7 @@ constexpr double kDifferencePx = 4.0;
 std::optional<SceneFlow> SceneFlow::Estimate(
     const CameraModel& model,
     const std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>>& pixels, double min_motion_px,
-    const RelativeMotionOptions& options) {
+    const RelativeMotionOptions& options, const SceneFlow* previous) {
   std::vector<RayPair> pairs;
   std::vector<Eigen::Vector2d> before;
   std::vector<double> motions_px;
@@ -35,7 +37,8 @@ std::optional<SceneFlow> SceneFlow::Estimate(
   const auto middle = motions_px.begin() + static_cast<std::ptrdiff_t>(motions_px.size() / 2);
   std::nth_element(motions_px.begin(), middle, motions_px.end());
   if (*middle < min_motion_px) return std::nullopt;
-  auto motion = EstimateRelativeMotion(pairs, options);
+  auto motion =
+      EstimateRelativeMotion(pairs, options, previous != nullptr ? &previous->motion_ : nullptr);
   if (!motion || 2 * motion->num_inliers < static_cast<int>(pairs.size())) return std::nullopt;
 
   SceneFlow flow(&model, std::move(*motion));
@@ -59,14 +62,56 @@ std::optional<SceneFlow> SceneFlow::Estimate(
     flow.motion_.direction = -flow.motion_.direction;
     for (Support& support : flow.supports_) support.inverse_range = -support.inverse_range;
   }
+  flow.IndexSupports();
   return flow;
 }
 
-std::optional<Eigen::Vector3d> SceneFlow::FitInverseRange(const Eigen::Vector2d& pixel) const {
-  std::vector<std::pair<double, std::size_t>> nearest(supports_.size());
-  for (std::size_t i = 0; i < supports_.size(); ++i) {
-    nearest[i] = {(supports_[i].pixel - pixel).squaredNorm(), i};
+void SceneFlow::IndexSupports() {
+  cell_px_ = std::max(8.0, model_->width_px() / kCellsAcross);
+  columns_ = static_cast<int>(model_->width_px() / cell_px_) + 1;
+  rows_ = static_cast<int>(model_->height_px() / cell_px_) + 1;
+  const auto cell = [this](const Support& support) {
+    const int column = std::clamp(static_cast<int>(support.pixel.x() / cell_px_), 0, columns_ - 1);
+    const int row = std::clamp(static_cast<int>(support.pixel.y() / cell_px_), 0, rows_ - 1);
+    return static_cast<std::size_t>(row * columns_ + column);
+  };
+  std::stable_sort(supports_.begin(), supports_.end(),
+                   [&cell](const Support& a, const Support& b) { return cell(a) < cell(b); });
+  cell_begin_.assign(static_cast<std::size_t>(columns_ * rows_) + 1, 0);
+  for (const Support& support : supports_) ++cell_begin_[cell(support) + 1];
+  for (std::size_t i = 1; i < cell_begin_.size(); ++i) cell_begin_[i] += cell_begin_[i - 1];
+}
+
+/// The supports of the smallest square of cells around the pixel that holds enough of them, and of
+/// one ring more.
+void SceneFlow::GatherNearest(const Eigen::Vector2d& pixel,
+                              std::vector<std::pair<double, std::size_t>>* nearest) const {
+  const int column = static_cast<int>(pixel.x() / cell_px_);
+  const int row = static_cast<int>(pixel.y() / cell_px_);
+  int enough = -1;
+  for (int ring = 0; enough < 0 || ring <= enough; ++ring) {
+    for (int y = row - ring; y <= row + ring; ++y) {
+      if (y < 0 || y >= rows_) continue;
+      const bool is_whole_row = y == row - ring || y == row + ring;
+      for (int x = column - ring; x <= column + ring;
+           x += is_whole_row || ring == 0 ? 1 : 2 * ring) {
+        if (x < 0 || x >= columns_) continue;
+        const auto cell = static_cast<std::size_t>(y * columns_ + x);
+        for (std::size_t i = cell_begin_[cell]; i < cell_begin_[cell + 1]; ++i) {
+          nearest->emplace_back((supports_[i].pixel - pixel).squaredNorm(), i);
+        }
+      }
+    }
+    if (enough < 0 && nearest->size() >= kNumSupports) enough = ring + 1;
+    if (ring > columns_ + rows_) break;
   }
+}
+
+std::optional<Eigen::Vector3d> SceneFlow::FitInverseRange(const Eigen::Vector2d& pixel) const {
+  std::vector<std::pair<double, std::size_t>> nearest;
+  nearest.reserve(8 * kNumSupports);
+  GatherNearest(pixel, &nearest);
+  if (nearest.size() < kNumSupports) return std::nullopt;
   const auto end = nearest.begin() + kNumSupports;
   std::nth_element(nearest.begin(), end - 1, nearest.end());
   std::sort(nearest.begin(), end);

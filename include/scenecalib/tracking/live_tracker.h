@@ -9,6 +9,7 @@
 #include "scenecalib/sensor/camera_model.h"
 #include "scenecalib/sensor/measurements.h"
 #include "scenecalib/tracking/image_flow.h"
+#include "scenecalib/tracking/image_quality.h"
 #include "scenecalib/tracking/patch_registration.h"
 #include "scenecalib/tracking/reference_registration.h"
 #include "scenecalib/tracking/scene_flow.h"
@@ -22,13 +23,18 @@ struct ActiveTrack {
   LiveTrack track;
   PatchTemplate patch;
   Eigen::Matrix2d patch_affine_from_first = Eigen::Matrix2d::Identity();
+  /// Where it is in the newest image: the last observation, or where scene flow carried it since.
+  LiveObservation place;
+  int num_missed = 0;           ///< images since the last observation
+  bool straddles_edge = false;  ///< not followed any more, only kept from being detected again
 };
 
 /// Features followed from image to image:
-///   predict where each goes -> pyramidal Lucas-Kanade there and back -> registration of the patch
-///   against an earlier view of the same track, which stops drift and chains the affine warp
-///   -> a second try, where the others' motion predicts it, for what was lost (scene_flow.h)
-///   -> drop what is fixed to the vehicle -> detect new features where there is room.
+///   predict where each goes -> pyramidal Lucas-Kanade there and back on reduced images ->
+///   registration of the patch against an earlier view of the same track, which stops drift and
+///   chains the affine warp -> a second try, where the others' motion predicts it, for what was
+///   lost (scene_flow.h), for some images to come -> drop what is fixed to the vehicle -> detect
+///   new features where there is room.
 /// The caller checks the images' size, type and order.
 class LiveTracker {
  public:
@@ -46,7 +52,7 @@ class LiveTracker {
   const std::vector<ActiveTrack>& active() const { return active_; }
 
   /// 255 where a whole patch sees the scene through the model and nothing is fixed to the vehicle.
-  cv::Mat Mask() const;
+  cv::Mat Mask() const { return allowed_.clone(); }
 
  private:
   /// Where a feature is expected, and by how much its surroundings are stretched there.
@@ -59,25 +65,30 @@ class LiveTracker {
   void BorrowMotion(const std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>>& known,
                     Prediction* predicted) const;
   void Follow(const GrayImage& image, const FlowPyramid& pyramid, FrameTracking* frame);
-  bool Extend(const GrayImage& image, const Prediction& predicted, ActiveTrack* active_track) const;
+  bool Extend(const GrayImage& image, const Prediction& predicted, double min_ncc,
+              ActiveTrack* active_track) const;
   bool Rescue(const GrayImage& image, const FlowPyramid& pyramid, const PatchWarp& step,
               ActiveTrack* active_track) const;
+  bool FindAgain(const GrayImage& image, const FlowPyramid& pyramid,
+                 ActiveTrack* active_track) const;
   void EstimateSceneFlow(const std::vector<char>& is_extended);
-  void RemoveDuplicates(FrameTracking* frame);
+  void RemoveDuplicates(double scale, FrameTracking* frame);
   void RemoveFixed(FrameTracking* frame);
-  void MaskWhatLeaves(cv::Mat* mask) const;
-  void Detect(const GrayImage& image, const cv::Mat& equalised, FrameTracking* frame);
+  cv::Mat DetectionMask(const FlowPyramid& pyramid) const;
+  void Detect(const GrayImage& image, const FlowPyramid& pyramid, FrameTracking* frame);
   /// Ends the tracks that are not kept; `forget` drops them altogether.
   int EndOthers(const std::vector<char>& is_kept, bool forget);
 
   CameraModelPtr model_;
   TrackingOptions options_;
-  cv::Mat domain_;  ///< 255 where a whole patch sees the scene through the model
-  cv::Mat fixed_;   ///< 255 where something fixed to the vehicle was found
+  cv::Mat domain_;   ///< 255 where a whole patch sees the scene through the model
+  cv::Mat allowed_;  ///< the same, without what was found to be fixed to the vehicle
   std::vector<ActiveTrack> active_;
   std::vector<LiveTrack> finished_;
   std::int64_t next_id_ = 0;
 
+  int num_images_ = 0;
+  double max_residual_levels_ = 0.0;  ///< that the newest image may contribute to a registration's
   cv::Mat previous_image_;
   FlowPyramid previous_pyramid_;
   bool previous_equalised_ = false;

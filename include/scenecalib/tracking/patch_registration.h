@@ -27,6 +27,12 @@ enum class WarpFreedom {
   kAffine,  ///< center_px and affine
 };
 
+/// How grey values between pixels are read.
+enum class PatchReading {
+  kSmooth,    ///< through the cubic B-spline kernel, without bias towards the pixel grid
+  kBilinear,  ///< several times faster: to follow a feature, not to measure it
+};
+
 struct PatchRegistrationLimits {
   int max_iterations = 12;
   double convergence_px = 0.004;
@@ -61,7 +67,8 @@ class PatchTemplate {
  public:
   /// None when the window leaves the image or holds too little structure to be registered.
   static std::optional<PatchTemplate> Create(const cv::Mat& image, const Eigen::Vector2d& center_px,
-                                             int radius_px, WarpFreedom freedom);
+                                             int radius_px, WarpFreedom freedom,
+                                             PatchReading reading = PatchReading::kSmooth);
 
   /// Refines `initial` on another 8-bit grey image. None when the window leaves that image, the
   /// iteration does not converge within the limits or the warp degenerates.
@@ -71,16 +78,18 @@ class PatchTemplate {
   int radius_px() const { return radius_px_; }
 
  private:
-  using Design = Eigen::Matrix<float, Eigen::Dynamic, 8>;
+  using SmallMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 8, 8>;
+  using SmallVector = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, 8, 1>;
 
   bool Sample(const cv::Mat& image, const PatchWarp& warp, Eigen::VectorXf* values) const;
 
   int radius_px_ = 0;
+  PatchReading reading_ = PatchReading::kSmooth;
   int num_parameters_ = 0;           ///< 4 (shift) or 8 (affine), with gain and bias
   Eigen::VectorXf reference_;        ///< grey values less their weighted mean
   Eigen::MatrixXf design_;           ///< pixels x parameters: displacement..., gain, bias
   Eigen::MatrixXf weighted_;         ///< the same, each row times its weight
-  Eigen::MatrixXd inverse_;          ///< of design^T W design
+  SmallMatrix inverse_;              ///< of design^T W design
   Eigen::Matrix2d unit_covariance_;  ///< of d0 for residuals of unit variance
   double variance_ = 0.0;            ///< weighted variance of the reference
 };

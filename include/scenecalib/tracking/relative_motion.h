@@ -43,9 +43,13 @@ double EpipolarErrorPx(const RayPair& pair, const RelativeMotion& motion);
 /// facade). Meant for neighbouring images of a vehicle's camera: beyond about 30 degrees between
 /// the two, what the common rotation leaves may be too far to converge.
 ///
+/// With a `guess`, say the motion between the images before, the samples are only drawn when what
+/// Gauss-Newton makes of it explains fewer than three quarters of the pairs.
+///
 /// None with fewer than 12 pairs or when fewer than 12 agree. When the camera only rotated or stood
 /// still every direction fits: then all pairs are inliers and `direction` means nothing.
 std::optional<RelativeMotion> EstimateRelativeMotion(const std::vector<RayPair>& pairs,
-                                                     const RelativeMotionOptions& options);
+                                                     const RelativeMotionOptions& options,
+                                                     const RelativeMotion* guess = nullptr);
 
 }  // namespace scenecalib

@@ -20,11 +20,11 @@ namespace scenecalib {
 class SceneFlow {
  public:
   /// `pixels` are (before, after). None when too few agree with one motion or the features hardly
-  /// moved.
+  /// moved. `before` is the flow between the images before, if there is one.
   static std::optional<SceneFlow> Estimate(
       const CameraModel& model,
       const std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>>& pixels, double min_motion_px,
-      const RelativeMotionOptions& options);
+      const RelativeMotionOptions& options, const SceneFlow* before = nullptr);
 
   /// The warp of a pixel's surroundings (first order); none where it would leave the image.
   std::optional<PatchWarp> Predict(const Eigen::Vector2d& pixel) const;
@@ -40,13 +40,21 @@ class SceneFlow {
   SceneFlow(const CameraModel* model, RelativeMotion motion)
       : model_(model), motion_(std::move(motion)) {}
 
+  void IndexSupports();
+  void GatherNearest(const Eigen::Vector2d& pixel,
+                     std::vector<std::pair<double, std::size_t>>* nearest) const;
   std::optional<Eigen::Vector3d> FitInverseRange(const Eigen::Vector2d& pixel) const;
   std::optional<Eigen::Vector2d> Transfer(const Eigen::Vector2d& pixel,
                                           const Eigen::Vector3d& inverse_range_by_ray) const;
 
   const CameraModel* model_;  ///< must outlive this
   RelativeMotion motion_;
-  std::vector<Support> supports_;
+  std::vector<Support> supports_;  ///< sorted by cell
+  /// A grid over the image: where each cell's supports begin, and one past the last.
+  double cell_px_ = 1.0;
+  int columns_ = 1;
+  int rows_ = 1;
+  std::vector<std::size_t> cell_begin_;
 };
 
 }  // namespace scenecalib

@@ -32,15 +32,21 @@ struct FlowOptions {
   int pyramid_levels = 3;
   double max_forward_backward_px = 1.5;
   double dark_mean = 45.0;
+  int max_gap_images = 5;
 
   void Visit(OptionVisitor& v) {
-    v.Field("window_px", &window_px, {5, 61}, "edge of the Lucas-Kanade window");
-    v.Field("pyramid_levels", &pyramid_levels, {0, 8}, "pyramid levels above full resolution");
+    v.Field("window_px", &window_px, {5, 61}, "edge of the Lucas-Kanade window, reduced pixels");
+    v.Field(
+        "pyramid_levels", &pyramid_levels, {0, 8},
+        "pyramid levels above the finest one that is searched (full resolution for images up to "
+        "640 pixels wide, else half, a quarter, ...)");
     v.Field("max_forward_backward_px", &max_forward_backward_px, {0.05, 20},
             "tracking there and back must return this close");
     v.Field("dark_mean", &dark_mean, {0, 255},
             "images with a lower mean grey value are equalised (CLAHE) for detection and flow; "
             "registration always uses the grey values as they came");
+    v.Field("max_gap_images", &max_gap_images, {0, 100},
+            "images over which a lost feature is looked for again");
   }
 };
 
