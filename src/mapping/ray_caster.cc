@@ -3,10 +3,12 @@
 #include <embree3/rtcore.h>
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
+#include <tbb/parallel_sort.h>
 
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <utility>
 
@@ -19,7 +21,68 @@ namespace {
 /// is then worse than single precision.
 constexpr double kMinCosine = 1e-3;
 
-constexpr int kRaysPerTask = 512;
+constexpr std::size_t kRaysPerTask = 512;
+
+/// Rays are cast in the order of where they start and point to, so that neighbours walk through the
+/// same part of the tree: a random order spends three quarters of its time waiting for memory.
+/// Edge of the cells that origins fall into, and bits per axis of the (octahedral) direction.
+constexpr double kOriginCell_m = 16.0;
+constexpr int kDirectionBits = 6;
+/// Fewer rays than this are not worth sorting.
+constexpr std::size_t kMinRaysToSort = 1024;
+
+/// Bits of the lower half of a word spread over its even places (Morton order).
+std::uint32_t SpreadBits(std::uint32_t value) {
+  value &= 0xFFFFU;
+  value = (value | (value << 8)) & 0x00FF00FFU;
+  value = (value | (value << 4)) & 0x0F0F0F0FU;
+  value = (value | (value << 2)) & 0x33333333U;
+  return (value | (value << 1)) & 0x55555555U;
+}
+
+std::uint32_t Interleave(std::uint32_t x, std::uint32_t y) {
+  return SpreadBits(x) | (SpreadBits(y) << 1);
+}
+
+/// Like rays have near keys: 20 bits of the origin's place (16 km square, then they repeat), 12 of
+/// the direction on the unfolded octahedron (Meyer et al. 2010).
+std::uint32_t CoherenceKey(const Ray& ray) {
+  const auto cell = [](double coordinate_m) {
+    return static_cast<std::uint32_t>(
+               static_cast<std::int64_t>(std::floor(coordinate_m / kOriginCell_m))) &
+           0x3FFU;
+  };
+  const Eigen::Vector3d& d = ray.direction_in_map;
+  const double length = std::max(d.lpNorm<1>(), std::numeric_limits<double>::min());
+  double u = d.x() / length;
+  double v = d.y() / length;
+  if (d.z() < 0.0) {
+    const double folded_u = std::copysign(1.0 - std::abs(v), u);
+    v = std::copysign(1.0 - std::abs(u), v);
+    u = folded_u;
+  }
+  constexpr double kMax = (1 << kDirectionBits) - 1;
+  const auto step = [&](double w) {
+    return static_cast<std::uint32_t>(std::clamp(0.5 + 0.5 * w, 0.0, 1.0) * kMax);
+  };
+  return (Interleave(cell(ray.origin_in_map_m.x()), cell(ray.origin_in_map_m.y()))
+          << (2 * kDirectionBits)) |
+         Interleave(step(u), step(v));
+}
+
+/// The rays' indices in the order in which to cast them.
+std::vector<std::uint64_t> CoherentOrder(const std::vector<Ray>& rays) {
+  std::vector<std::uint64_t> order(rays.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, rays.size(), 4 * kRaysPerTask),
+                    [&](const tbb::blocked_range<std::size_t>& range) {
+                      for (std::size_t i = range.begin(); i != range.end(); ++i) {
+                        order[i] = (static_cast<std::uint64_t>(CoherenceKey(rays[i])) << 32) | i;
+                      }
+                    });
+  tbb::parallel_sort(order.begin(), order.end());
+  for (std::uint64_t& entry : order) entry &= 0xFFFFFFFFU;
+  return order;
+}
 
 struct DeviceRelease {
   void operator()(RTCDevice device) const { rtcReleaseDevice(device); }
@@ -179,9 +242,13 @@ std::optional<RayHit> RayCaster::Cast(const Ray& ray, double max_range_m) const 
 std::vector<std::optional<RayHit>> RayCaster::Cast(const std::vector<Ray>& rays,
                                                    double max_range_m) const {
   std::vector<std::optional<RayHit>> hits(rays.size());
+  const bool sorted = rays.size() >= kMinRaysToSort;
+  const std::vector<std::uint64_t> order =
+      sorted ? CoherentOrder(rays) : std::vector<std::uint64_t>();
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, rays.size(), kRaysPerTask),
                     [&](const tbb::blocked_range<std::size_t>& range) {
-                      for (std::size_t i = range.begin(); i != range.end(); ++i) {
+                      for (std::size_t k = range.begin(); k != range.end(); ++k) {
+                        const std::size_t i = sorted ? order[k] : k;
                         hits[i] = impl_->Cast(rays[i], max_range_m);
                       }
                     });
