@@ -5,7 +5,7 @@ workspace="$repository/build/ws"
 
 build_packages=(
   build-essential cmake catkin python3-catkin-pkg python3-empy
-  libeigen3-dev libceres-dev libopencv-dev libpcl-dev libembree-dev libtbb-dev libyaml-cpp-dev
+  libeigen3-dev libceres-dev libopencv-dev libembree-dev libtbb-dev libyaml-cpp-dev
   libcli11-dev libbz2-dev
   ros-message-generation ros-message-runtime libroscpp-dev librosbag-storage-dev libroslz4-dev
   libcv-bridge-dev libnodelet-dev libnodeletlib-dev libdiagnostic-updater-dev libtf2-ros-dev

@@ -6,6 +6,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace scenecalib {
 namespace {
@@ -16,6 +17,11 @@ constexpr float kSlice_m = 0.04F;
 /// Normals come from the samples within this many columns.
 constexpr int kNormalReach = 3;
 constexpr int kMinNormalSamples = 5;
+constexpr double kMinAspect = 0.15;
+/// Samples that leave their plane by more than this (RMS) hold a step; then those within the rise
+/// count.
+constexpr double kMaxRoughness_m = 0.012;
+constexpr float kMaxRise_m = 0.04F;
 /// A mean of fewer returns than this is not averaged enough to tell anything.
 constexpr int kMinReturns = 2;
 
@@ -75,6 +81,7 @@ void AverageColumn(const KeyedPoint* begin, const KeyedPoint* end,
     if (last - first >= kMinReturns) {
       GroundSample sample;
       sample.position_m = (sum / static_cast<double>(last - first)).cast<float>();
+      sample.num_returns = static_cast<int>(last - first);
       samples->push_back(sample);
     }
     first = last;
@@ -86,8 +93,20 @@ class NormalEstimator {
   NormalEstimator(const std::vector<Column>& columns, const std::vector<GroundSample>& samples)
       : columns_(columns), samples_(samples) {}
 
-  /// Principal component of the samples around; upwards when there are too few.
-  Eigen::Vector3f Estimate(const Column& center, const GroundSample& sample) const {
+  /// Sets the normal to the smallest principal component of the samples around. Where they do not
+  /// lie on one plane (a step), only those about as high as the sample count: the normals of a
+  /// pavement must not lean towards its kerb.
+  void Estimate(const Column& center, GroundSample* sample) const {
+    if (Fit(center, std::numeric_limits<float>::max(), sample) < kMaxRoughness_m) return;
+    Fit(center, kMaxRise_m, sample);
+  }
+
+  void set_column_size_m(double size_m) { column_size_m_ = static_cast<float>(size_m); }
+
+ private:
+  /// From the samples that are at most max_rise_m higher or lower; returns their RMS distance from
+  /// the plane.
+  double Fit(const Column& center, float max_rise_m, GroundSample* sample) const {
     Eigen::Vector3d sum = Eigen::Vector3d::Zero();
     Eigen::Matrix3d squares = Eigen::Matrix3d::Zero();
     int count = 0;
@@ -98,8 +117,10 @@ class NormalEstimator {
            column->x <= center.x + kNormalReach;
            ++column) {
         for (int k = column->begin; k < column->end; ++k) {
-          const Eigen::Vector3f offset = samples_[k].position_m - sample.position_m;
-          if (offset.squaredNorm() > reach_m * reach_m) continue;
+          const Eigen::Vector3f offset = samples_[k].position_m - sample->position_m;
+          if (offset.squaredNorm() > reach_m * reach_m || std::abs(offset.z()) > max_rise_m) {
+            continue;
+          }
           const Eigen::Vector3d d = offset.cast<double>();
           sum += d;
           squares += d * d.transpose();
@@ -107,18 +128,19 @@ class NormalEstimator {
         }
       }
     }
-    if (count < kMinNormalSamples) return Eigen::Vector3f::UnitZ();
+    if (count < kMinNormalSamples) return 0.0;
     const Eigen::Vector3d mean = sum / count;
     Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
     solver.computeDirect(squares / count - mean * mean.transpose());
+    // Samples on a line (a single ring far off) say nothing about the slope across it.
+    if (solver.eigenvalues()[1] < kMinAspect * kMinAspect * solver.eigenvalues()[2]) return 0.0;
     Eigen::Vector3d normal = solver.eigenvectors().col(0);
     if (normal.z() < 0.0) normal = -normal;
-    return normal.cast<float>();
+    sample->normal = normal.cast<float>();
+    sample->has_normal = true;
+    return std::sqrt(std::max(0.0, solver.eigenvalues()[0]));
   }
 
-  void set_column_size_m(double size_m) { column_size_m_ = static_cast<float>(size_m); }
-
- private:
   std::vector<Column>::const_iterator FirstInRow(int x, int y) const {
     return std::lower_bound(columns_.begin(), columns_.end(), std::pair<int, int>(y, x),
                             [](const Column& column, const std::pair<int, int>& yx) {
@@ -151,14 +173,17 @@ std::vector<GroundSample> AverageGround(const std::vector<ScenePoint>& points,
     if (column.end > column.begin) columns.push_back(column);
     begin = end;
   }
+  std::vector<GroundSample> normals = samples;
   NormalEstimator estimator(columns, samples);
   estimator.set_column_size_m(column_size_m);
   tbb::parallel_for(std::size_t{0}, columns.size(), [&](std::size_t c) {
     for (int k = columns[c].begin; k < columns[c].end; ++k) {
-      samples[k].normal = estimator.Estimate(columns[c], samples[k]);
+      GroundSample estimated = samples[k];
+      estimator.Estimate(columns[c], &estimated);
+      normals[k] = estimated;
     }
   });
-  return samples;
+  return normals;
 }
 
 }  // namespace scenecalib

@@ -7,10 +7,12 @@
 
 namespace scenecalib {
 
-/// Averaged ground returns with a normal: what Poisson is fed with.
+/// Averaged ground returns with a normal: what the ground's surface is made from.
 struct GroundSample {
   Eigen::Vector3f position_m = Eigen::Vector3f::Zero();
   Eigen::Vector3f normal = Eigen::Vector3f::UnitZ();  ///< unit, upwards
+  int num_returns = 0;
+  bool has_normal = false;  ///< false: too few samples around, the normal is a guess
 };
 
 /// Averages the ground in columns. Range noise of 2 cm is mostly along the road at a lidar's

@@ -26,6 +26,9 @@ constexpr float kSlopeStep_m = 0.04F;
 constexpr float kFlatSpan_m = 0.08F;
 constexpr float kFlatTop_m = 0.6F;
 constexpr float kMinFlatShare = 0.6F;
+/// In a cell where something stands a point is ground only up to this height: the foot of a wall
+/// must not lift the ground before it.
+constexpr float kFootTolerance_m = 0.025F;
 /// The ground grows across gaps between rings of this many cells.
 constexpr int kGapCells = 3;
 /// Cells nearer than this to the path, in metres, may start the ground.
@@ -199,8 +202,9 @@ bool HeightGrid::IsGround(const ScenePoint& point) const {
     }
   }
   const float tolerance_m = static_cast<float>(options_.max_height_above_low_m);
+  const float above_m = cells_[center].flat ? tolerance_m : std::min(tolerance_m, kFootTolerance_m);
   return point.position_m.z() > lowest_m - tolerance_m &&
-         point.position_m.z() < highest_m + tolerance_m;
+         point.position_m.z() < highest_m + above_m;
 }
 
 }  // namespace

@@ -1,26 +1,38 @@
 #include "mesh_planes.h"
 
+#include <tbb/parallel_for.h>
+
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <optional>
 #include <unordered_map>
+#include <utility>
 
 namespace scenecalib {
 namespace {
 
 /// Triangles are gathered in square columns of this edge; all of a column share its fits.
 constexpr double kColumnEdge_m = 0.2;
-/// Half-widths of the squares tried, in columns: 3 m, 1.8 m, 1 m and 0.6 m.
-constexpr std::array<int, 4> kHalfWidths = {7, 4, 2, 1};
-/// RMS of the mesh about a plane that still stands for the ground there: twice the mesh's own
-/// height error (3 mm), well below a kerb or a pothole.
-constexpr double kMaxRms_m = 0.006;
-/// A triangle farther from its column's plane is another surface (the kerb's face, a step).
-constexpr double kMaxDistance_m = 0.02;
-/// A square has to be this full of columns, so that a fit does not lean over a hole or an edge.
+/// Longer triangles are cut up before they are gathered.
+constexpr double kMaxPiece_m = 0.25;
+/// Half-widths of the squares tried, in columns: 0.6 m, 1 m, 1.8 m and 3 m.
+constexpr std::array<int, 4> kHalfWidths = {1, 2, 4, 7};
+/// RMS of the mesh about a plane that still stands for the ground there, by square: up to twice the
+/// mesh's own height error (3 mm) where many columns average it, well below a kerb or a pothole.
+constexpr std::array<double, 4> kMaxRms_m = {0.004, 0.005, 0.006, 0.006};
+/// Columns whose mean is farther off the plane found so far are another surface (the pavement
+/// behind the kerb, the foot of a wall) and have no say in the next one.
+constexpr double kMaxColumnOffset_m = 0.012;
+/// A triangle farther from its column's plane is another surface.
+constexpr double kMaxDistance_m = 0.015;
+/// A square has to be this full of columns on the plane, so that a fit does not lean over a hole or
+/// an edge. The smallest one may lie along a kerb.
 constexpr double kMinFill = 0.7;
+constexpr double kMinSmallestFill = 0.6;
 
 /// Moments of a height field, weighted by area.
 struct HeightMoments {
@@ -83,32 +95,103 @@ class ColumnGrid {
     return entry->second;
   }
 
-  Column& column(int index) { return columns_[index]; }
-
-  void FitAll() {
-    for (Column& column : columns_) Fit(&column);
+  /// Spreads a triangle over the columns that it covers; what is longer than a column is halved.
+  void Add(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eigen::Vector3d& c) {
+    const double ab = (b - a).squaredNorm();
+    const double bc = (c - b).squaredNorm();
+    const double ca = (a - c).squaredNorm();
+    if (std::max({ab, bc, ca}) > kMaxPiece_m * kMaxPiece_m) {
+      if (ab >= bc && ab >= ca) return AddHalves(a, b, c);
+      if (bc >= ca) return AddHalves(b, c, a);
+      return AddHalves(c, a, b);
+    }
+    const double area = 0.5 * (b - a).cross(c - a).norm();
+    HeightMoments& moments = columns_[IndexOf((a + b + c) / 3.0)].moments;
+    for (const Eigen::Vector3d& vertex : {a, b, c}) moments.Add(vertex - origin_m_, area / 3.0);
   }
 
+  /// Fits a plane around every column.
+  void FitAll() {
+    rows_.resize(columns_.size());
+    for (std::size_t i = 0; i < rows_.size(); ++i) rows_[i] = static_cast<int>(i);
+    std::sort(rows_.begin(), rows_.end(), [&](int a, int b) {
+      return std::pair(columns_[a].y, columns_[a].x) < std::pair(columns_[b].y, columns_[b].x);
+    });
+    tbb::parallel_for(std::size_t{0}, columns_.size(), [&](std::size_t i) { Fit(&columns_[i]); });
+  }
+  const MeshPlane& plane(int index) const { return columns_[index].plane; }
+
  private:
-  void Fit(Column* column) const {
-    for (const int half_width : kHalfWidths) {
-      HeightMoments moments;
-      int num_columns = 0;
-      for (int dx = -half_width; dx <= half_width; ++dx) {
-        for (int dy = -half_width; dy <= half_width; ++dy) {
-          const auto found = index_.find(Key(column->x + dx, column->y + dy));
-          if (found == index_.end()) continue;
-          moments.Add(columns_[found->second].moments);
-          ++num_columns;
-        }
+  void AddHalves(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eigen::Vector3d& c) {
+    const Eigen::Vector3d middle = 0.5 * (a + b);
+    Add(a, middle, c);
+    Add(middle, b, c);
+  }
+
+  /// Calls visit(column) for the columns of a square in a fixed order.
+  template <typename Visit>
+  void VisitSquare(const Column& center, int half_width, const Visit& visit) const {
+    for (int y = center.y - half_width; y <= center.y + half_width; ++y) {
+      auto entry = std::lower_bound(rows_.begin(), rows_.end(), std::pair(y, center.x - half_width),
+                                    [&](int i, const std::pair<int, int>& yx) {
+                                      return std::pair(columns_[i].y, columns_[i].x) < yx;
+                                    });
+      for (; entry != rows_.end() && columns_[*entry].y == y &&
+             columns_[*entry].x <= center.x + half_width;
+           ++entry) {
+        visit(columns_[*entry]);
       }
-      const int width = 2 * half_width + 1;
-      if (num_columns < kMinFill * width * width) continue;
-      MeshPlane plane = FitHeightPlane(moments);
-      if (plane.thickness_m > kMaxRms_m) continue;
+    }
+  }
+
+  /// The plane of those columns of a square that lie on the plane given; none when too few do.
+  std::optional<MeshPlane> Refit(const Column& center, std::size_t size,
+                                 const MeshPlane& before) const {
+    const int half_width = kHalfWidths[size];
+    HeightMoments moments;
+    int num_columns = 0;
+    VisitSquare(center, half_width, [&](const Column& column) {
+      if (column.moments.weight <= 0.0) return;
+      const Eigen::Vector3d mean = column.moments.sum / column.moments.weight;
+      if (std::abs(before.normal.dot(mean - before.point_m)) > kMaxColumnOffset_m) return;
+      moments.Add(column.moments);
+      ++num_columns;
+    });
+    const int width = 2 * half_width + 1;
+    const double min_fill = size == 0 ? kMinSmallestFill : kMinFill;
+    if (num_columns < min_fill * width * width) return std::nullopt;
+    MeshPlane plane = FitHeightPlane(moments);
+    if (plane.thickness_m > kMaxRms_m[size]) return std::nullopt;
+    plane.scale_m = width * kColumnEdge_m;
+    plane.planar = true;
+    return plane;
+  }
+
+  /// A level plane through the column, or with the slope of what lies around it.
+  std::vector<MeshPlane> Guesses(const Column& column) const {
+    HeightMoments around;
+    VisitSquare(column, kHalfWidths.front(),
+                [&](const Column& other) { around.Add(other.moments); });
+    MeshPlane guess = FitHeightPlane(around);
+    std::vector<MeshPlane> guesses;
+    if (guess.thickness_m <= kMaxRms_m.back()) guesses.push_back(guess);
+    guess.point_m = column.moments.sum / column.moments.weight;
+    guess.normal = Eigen::Vector3d::UnitZ();
+    guesses.push_back(guess);
+    return guesses;
+  }
+
+  /// From the smallest square up: each says which columns of the next lie on the same plane.
+  void Fit(Column* column) const {
+    if (column->moments.weight <= 0.0) return;
+    for (const MeshPlane& guess : Guesses(*column)) {
+      MeshPlane plane = guess;
+      for (std::size_t size = 0; size < kHalfWidths.size(); ++size) {
+        const auto wider = Refit(*column, size, plane);
+        if (wider) plane = *wider;
+      }
+      if (!plane.planar) continue;
       plane.point_m += origin_m_;
-      plane.scale_m = width * kColumnEdge_m;
-      plane.planar = true;
       column->plane = plane;
       return;
     }
@@ -117,6 +200,7 @@ class ColumnGrid {
   Eigen::Vector3d origin_m_;
   std::unordered_map<std::uint64_t, int> index_;  // looked up, never iterated
   std::vector<Column> columns_;
+  std::vector<int> rows_;  // of columns, by y and x
 };
 
 }  // namespace
@@ -136,8 +220,7 @@ std::vector<MeshPlane> FitMeshPlanes(const TriangleMesh& mesh) {
     const Eigen::Vector3d normal_times_area = 0.5 * (b - a).cross(c - a);
     const double area = normal_times_area.norm();
     column_of_triangle[i] = grid.IndexOf(centroid);
-    HeightMoments& moments = grid.column(column_of_triangle[i]).moments;
-    for (const Eigen::Vector3d& vertex : {a, b, c}) moments.Add(vertex - origin_m, area / 3.0);
+    grid.Add(a, b, c);
 
     planes[i].point_m = centroid;
     if (area > 0.0) planes[i].normal = normal_times_area / area;
@@ -145,7 +228,7 @@ std::vector<MeshPlane> FitMeshPlanes(const TriangleMesh& mesh) {
   }
   grid.FitAll();
   for (std::size_t i = 0; i < planes.size(); ++i) {
-    const MeshPlane& fit = grid.column(column_of_triangle[i]).plane;
+    const MeshPlane& fit = grid.plane(column_of_triangle[i]);
     if (!fit.planar) continue;
     const double distance_m = fit.normal.dot(planes[i].point_m - fit.point_m);
     if (std::abs(distance_m) <= kMaxDistance_m) planes[i] = fit;

@@ -16,9 +16,10 @@ struct MeshPlane {
   bool planar = false;                                ///< false: a kerb's edge, a step, a pothole
 };
 
-/// For every triangle of a ground mesh the widest plane (3 m down to 0.4 m) that agrees with the
-/// mesh around it. A triangle of a few centimetres has a normal that is noise; a calibration wants
-/// the plane of the neighbourhood. Where no such plane holds, the triangle itself, not planar.
+/// For every triangle of a ground mesh the widest plane (0.6 m up to 3 m) that agrees with the mesh
+/// around it; what lies beyond a kerb or at the foot of a wall has no say. A triangle of a few
+/// centimetres has a normal that is noise; a calibration wants the plane of the neighbourhood.
+/// Where no such plane holds, the triangle itself, not planar.
 std::vector<MeshPlane> FitMeshPlanes(const TriangleMesh& mesh);
 
 }  // namespace scenecalib

@@ -56,7 +56,7 @@ struct MovingObjectOptions {
   }
 };
 
-/// Ground segmentation and the Poisson mesh.
+/// Ground segmentation and the ground's Poisson mesh.
 struct GroundOptions {
   double cell_size_m = 0.25;
   double max_step_m = 0.2;
@@ -65,8 +65,8 @@ struct GroundOptions {
   double column_size_m = 0.1;
   double tile_size_m = 16.0;
   double tile_overlap_m = 0.8;
-  double mesh_cell_m = 0.16;
-  double point_weight = 4.0;
+  double mesh_cell_m = 0.07;
+  double smoothing_m = 0.3;
   double max_hole_m = 0.4;
   void Visit(OptionVisitor& v) {
     v.Field("cell_size_m", &cell_size_m, {0.05, 2.0}, "edge of a segmentation cell");
@@ -76,10 +76,13 @@ struct GroundOptions {
     v.Field("max_range_m", &max_range_m, {10.0, 200.0}, "ground returns used, from the sensor");
     v.Field("column_size_m", &column_size_m, {0.02, 0.5},
             "ground points are averaged in columns of this edge");
-    v.Field("tile_size_m", &tile_size_m, {4.0, 100.0}, "edge of a Poisson tile");
+    v.Field("tile_size_m", &tile_size_m, {4.0, 100.0},
+            "edge of a tile; tiles are solved in parallel");
     v.Field("tile_overlap_m", &tile_overlap_m, {0.3, 10.0}, "data around a tile that it also sees");
-    v.Field("mesh_cell_m", &mesh_cell_m, {0.03, 1.0}, "largest edge of a Poisson octree leaf");
-    v.Field("point_weight", &point_weight, {0.0, 100.0}, "Poisson's interpolation weight");
+    v.Field("mesh_cell_m", &mesh_cell_m, {0.03, 1.0},
+            "largest distance of the lattice's heights; flat ground takes larger triangles");
+    v.Field("smoothing_m", &smoothing_m, {0.01, 5.0},
+            "noise of the ground's heights is averaged over about this length");
     v.Field("max_hole_m", &max_hole_m, {0.1, 5.0}, "the mesh is cut where data is farther off");
   }
 };
