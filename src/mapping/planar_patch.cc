@@ -11,6 +11,8 @@ constexpr float kInlierSigmas = 2.5F;
 /// Points this near to the plane, but no inliers, are another surface that the cell also holds.
 constexpr float kNearSigmas = 8.0F;
 constexpr float kMinInlierShare = 0.7F;
+/// Points this near, in a cell on the plane, are its own strays.
+constexpr float kStraySigmas = 6.0F;
 /// A cell's mean offset may be this many of its standard errors; fewer points, less evidence.
 constexpr float kBiasSigmas = 3.0F;
 /// Cells per voxel edge, and the finest cell that lidar noise and spacing leave a meaning.
@@ -21,6 +23,8 @@ constexpr float kPointsPerCell = 4.0F;
 /// Discs circumscribe their square with a little overlap, so that no ray slips between.
 constexpr float kDiscOverlap = 1.02F;
 constexpr float kMinRadius_m = 0.03F;
+/// Inscribed discs reach this much over their box: half of the spacing of returns nearby.
+constexpr float kReach_m = 0.005F;
 
 }  // namespace
 
@@ -101,53 +105,81 @@ float PlanarPatch::narrow_extent_m() const {
 }
 
 bool PlanarPatch::Explains(const Eigen::Vector3f& point_m) const {
-  if (std::abs(plane_.Distance(point_m)) > (kInlierSigmas + 1.0F) * gates_.noise_m) return false;
+  return IsWithin(point_m, kInlierSigmas + 1.0F);
+}
+
+bool PlanarPatch::Absorbs(const Eigen::Vector3f& point_m) const {
+  return IsWithin(point_m, kStraySigmas);
+}
+
+bool PlanarPatch::IsWithin(const Eigen::Vector3f& point_m, float sigmas) const {
+  if (std::abs(plane_.Distance(point_m)) > sigmas * gates_.noise_m) return false;
   const int index = CellOf(InPlane(point_m));
   return index >= 0 && cells_[index].on_plane;
 }
 
-PatchDisc PlanarPatch::DiscOf(const Eigen::Vector2f& min_m, const Eigen::Vector2f& max_m) const {
-  const Eigen::Vector2f middle_m = 0.5F * (min_m + max_m);
+/// Circumscribes a square of the interior.
+PatchDisc PlanarPatch::Around(const Eigen::Vector2f& min_m, const Eigen::Vector2f& max_m) const {
   PatchDisc disc;
-  disc.center_m = plane_.center_m + middle_m.x() * plane_.axis_u + middle_m.y() * plane_.axis_v;
+  disc.center_m = InMap(0.5F * (min_m + max_m));
   disc.radius_m = std::max(kMinRadius_m, kDiscOverlap * 0.5F * (max_m - min_m).norm());
   return disc;
 }
 
+/// The cell's own points say where the patch ends; towards neighbours on the plane it reaches up to
+/// them. Discs inscribed into that box are planar, the one around it is not.
+void PlanarPatch::AppendBorderCell(int x, int y, std::vector<PatchDisc>* discs) const {
+  const Cell& cell = cells_[y * width_ + x];
+  const Eigen::Vector2f low_m = CornerOf(x, y);
+  const Eigen::Vector2f high_m = CornerOf(x + 1, y + 1);
+  const Eigen::Vector2f min_m(OnPlane(x - 1, y) ? low_m.x() : cell.min_m.x(),
+                              OnPlane(x, y - 1) ? low_m.y() : cell.min_m.y());
+  const Eigen::Vector2f max_m(OnPlane(x + 1, y) ? high_m.x() : cell.max_m.x(),
+                              OnPlane(x, y + 1) ? high_m.y() : cell.max_m.y());
+  PatchDisc rim = Around(min_m, max_m);
+  rim.at_border = true;
+  discs->push_back(rim);
+  const Eigen::Vector2f size_m = max_m - min_m;
+  const int axis = size_m.x() >= size_m.y() ? 0 : 1;
+  const float narrow_m = size_m[1 - axis];
+  if (narrow_m < kMinRadius_m) return;
+  const int count = std::clamp(static_cast<int>(std::lround(size_m[axis] / narrow_m)), 1, 3);
+  for (int i = 0; i < count; ++i) {
+    Eigen::Vector2f center_m = 0.5F * (min_m + max_m);
+    center_m[axis] =
+        min_m[axis] + size_m[axis] * (static_cast<float>(i) + 0.5F) / static_cast<float>(count);
+    PatchDisc disc;
+    disc.center_m = InMap(center_m);
+    disc.radius_m = 0.5F * std::min(narrow_m, size_m[axis] / static_cast<float>(count)) + kReach_m;
+    discs->push_back(disc);
+  }
+}
+
 std::vector<PatchDisc> PlanarPatch::Discs() const {
   std::vector<PatchDisc> discs;
-  const auto corner_m = [&](int x, int y) {
-    return Eigen::Vector2f(static_cast<float>(x - width_ / 2) * cell_m_,
-                           static_cast<float>(y - width_ / 2) * cell_m_);
-  };
-  const auto is_interior = [&](int x, int y) {
-    return OnPlane(x - 1, y) && OnPlane(x + 1, y) && OnPlane(x, y - 1) && OnPlane(x, y + 1);
-  };
   for (int y = 0; y < width_; y += 2) {
     for (int x = 0; x < width_; x += 2) {
       bool whole_block = true;
       int num_own = 0;
       for (int k = 0; k < 4; ++k) {
-        whole_block &= OnPlane(x + k % 2, y + k / 2) && is_interior(x + k % 2, y + k / 2);
-        if (OnPlane(x + k % 2, y + k / 2))
-          num_own += cells_[(y + k / 2) * width_ + x + k % 2].num_own;
+        const int cx = x + k % 2;
+        const int cy = y + k / 2;
+        whole_block &= IsInterior(cx, cy);
+        if (OnPlane(cx, cy)) num_own += cells_[cy * width_ + cx].num_own;
       }
       if (num_own == 0) continue;
       if (whole_block) {
-        discs.push_back(DiscOf(corner_m(x, y), corner_m(x + 2, y + 2)));
+        discs.push_back(Around(CornerOf(x, y), CornerOf(x + 2, y + 2)));
         continue;
       }
       for (int k = 0; k < 4; ++k) {
         const int cx = x + k % 2;
         const int cy = y + k / 2;
-        if (!OnPlane(cx, cy)) continue;
-        const Cell& cell = cells_[cy * width_ + cx];
-        if (cell.num_own == 0) continue;
-        // On the patch's border the cell is not full: the points' own box ends where the wall does.
-        if (is_interior(cx, cy)) {
-          discs.push_back(DiscOf(corner_m(cx, cy), corner_m(cx + 1, cy + 1)));
+        if (!OnPlane(cx, cy) || cells_[cy * width_ + cx].num_own == 0) continue;
+        if (IsInterior(cx, cy)) {
+          discs.push_back(Around(CornerOf(cx, cy), CornerOf(cx + 1, cy + 1)));
         } else {
-          discs.push_back(DiscOf(cell.min_m, cell.max_m));
+          AppendBorderCell(cx, cy, &discs);
         }
       }
     }

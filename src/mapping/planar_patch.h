@@ -11,6 +11,7 @@ namespace scenecalib {
 struct PatchDisc {
   Eigen::Vector3f center_m = Eigen::Vector3f::Zero();
   float radius_m = 0.0F;
+  bool at_border = false;  ///< reaches over the patch's border: occludes, but is no plane there
 };
 
 /// What decides whether a cell of a patch lies on its plane.
@@ -32,7 +33,11 @@ class PlanarPatch {
   float narrow_extent_m() const;
   /// Whether the patch explains a point: near the plane, in a cell that lies on it.
   bool Explains(const Eigen::Vector3f& point_m) const;
-  /// Discs over the cells on the plane that hold own points.
+  /// Whether a point is a stray return of the patch: in a cell that lies on it, and no farther off
+  /// than noise and grazed edges put a few. A few such points are no surface of their own.
+  bool Absorbs(const Eigen::Vector3f& point_m) const;
+  /// Discs over the cells on the plane that hold own points. In the patch's interior they overlap;
+  /// along its border they end where the points do, and a larger disc (at_border) surrounds them.
   std::vector<PatchDisc> Discs() const;
 
  private:
@@ -53,7 +58,20 @@ class PlanarPatch {
   bool OnPlane(int x, int y) const {
     return x >= 0 && y >= 0 && x < width_ && y < width_ && cells_[y * width_ + x].on_plane;
   }
-  PatchDisc DiscOf(const Eigen::Vector2f& min_m, const Eigen::Vector2f& max_m) const;
+  bool IsWithin(const Eigen::Vector3f& point_m, float sigmas) const;
+  bool IsInterior(int x, int y) const {
+    return OnPlane(x, y) && OnPlane(x - 1, y) && OnPlane(x + 1, y) && OnPlane(x, y - 1) &&
+           OnPlane(x, y + 1);
+  }
+  Eigen::Vector2f CornerOf(int x, int y) const {
+    return cell_m_ *
+           Eigen::Vector2f(static_cast<float>(x - width_ / 2), static_cast<float>(y - width_ / 2));
+  }
+  Eigen::Vector3f InMap(const Eigen::Vector2f& in_plane_m) const {
+    return plane_.center_m + in_plane_m.x() * plane_.axis_u + in_plane_m.y() * plane_.axis_v;
+  }
+  PatchDisc Around(const Eigen::Vector2f& min_m, const Eigen::Vector2f& max_m) const;
+  void AppendBorderCell(int x, int y, std::vector<PatchDisc>* discs) const;
 
   PlaneFit plane_;
   PatchGates gates_;

@@ -27,8 +27,21 @@ constexpr float kMinWidthShare = 0.35F;
 constexpr float kMinExplainedShare = 0.5F;
 constexpr float kNearSigmas = 8.0F;
 constexpr float kFineEdge_m = 0.5F;
-/// RMS about the plane of a planar patch, in noise standard deviations.
-constexpr float kMaxThicknessSigmas = 1.5F;
+/// RMS about the plane of a planar patch, of what range noise makes of it at the rays' angles, plus
+/// so many standard deviations of that RMS. Points spread evenly over the inliers' slab, as leaves
+/// are, come to 1.44 of the noise, and more where the slab is seen obliquely.
+constexpr float kMaxThicknessRatio = 1.15F;
+constexpr float kThicknessSlack = 0.7F;
+/// Share of the noise that does not lie along the ray (trajectory, footprint on oblique surfaces).
+constexpr float kLateralShare = 0.5F;
+/// Depth of a patch's rim behind its plane.
+constexpr float kRimDepth_m = 0.015F;
+/// Where more than this share of the points that the large planes leave over lies on no plane at
+/// all, what small planes there are is chance: foliage. Judged in voxels of at most kJudgeEdge_m.
+constexpr float kMaxClutterShare = 0.35F;
+constexpr float kJudgeEdge_m = 1.0F;
+/// Points too few to make an occluder are pooled in voxels of up to this edge.
+constexpr float kLargestOccluder_m = 0.45F;
 /// Noise is read off voxels of this edge that hold at least so many points.
 constexpr double kNoiseVoxel_m = 0.4;
 constexpr int kNoisePoints = 60;
@@ -41,26 +54,44 @@ struct LocalPoint {
   int index;  // into the scene points
 };
 
+/// Square of the share of a return's noise that lies across a plane.
+float NoiseShareSquared(const Eigen::Vector3f& normal, const ScenePoint& point) {
+  const float cosine = normal.dot((point.position_m - point.origin_m).normalized());
+  constexpr float kLateral = kLateralShare * kLateralShare;
+  return kLateral + (1.0F - kLateral) * cosine * cosine;
+}
+
 /// Fits one coarsest voxel and its parts.
 class VoxelFitter {
  public:
   VoxelFitter(const std::vector<ScenePoint>& points, const std::vector<Timestamp>& stamps_ns,
-              const SurfelOptions& options, float noise_m, Random random)
+              const SurfelOptions& options, const SurfaceNoise& noise, Random random)
       : points_(points),
         stamps_ns_(stamps_ns),
         options_(options),
-        noise_m_(noise_m),
+        noise_m_(static_cast<float>(noise.across_m)),
+        ray_noise_m_(static_cast<float>(noise.along_ray_m)),
         random_(random) {}
 
+  /// What became of the points of a voxel.
+  struct Outcome {
+    int num_on_small = 0;           ///< on planes of voxels up to kFineEdge_m
+    int num_clutter = 0;            ///< on no plane
+    std::vector<LocalPoint> loose;  ///< of those, the ones without an occluder
+  };
+
   /// `local` holds the points of the box [corner, corner + edge) and of its margin.
-  void Fit(std::vector<LocalPoint> local, const Eigen::Vector3f& corner_m, float edge_m, int level);
+  Outcome Fit(std::vector<LocalPoint> local, const Eigen::Vector3f& corner_m, float edge_m,
+              int level);
 
   std::vector<Surfel> surfels;
 
  private:
-  bool PeelPlane(std::vector<LocalPoint>* local, const Eigen::Vector3f& corner_m, float edge_m);
-  void AddOccluder(const std::vector<LocalPoint>& local, const Eigen::Vector3f& corner_m,
-                   float edge_m);
+  int PeelPlane(std::vector<LocalPoint>* local, const Eigen::Vector3f& corner_m, float edge_m);
+  void FitParts(const std::vector<LocalPoint>& local, const Eigen::Vector3f& corner_m, float edge_m,
+                int level, Outcome* outcome);
+  bool IsThin(const PlaneFit& plane, const std::vector<int>& indices) const;
+  void AddOccluder(const std::vector<LocalPoint>& local, float edge_m);
   void AddDiscs(const PlaneFit& plane, const PlanarPatch& patch,
                 const std::vector<int>& own_indices, float edge_m);
   static bool Inside(const Eigen::Vector3f& p, const Eigen::Vector3f& corner_m, float edge_m,
@@ -74,7 +105,8 @@ class VoxelFitter {
   const std::vector<ScenePoint>& points_;
   const std::vector<Timestamp>& stamps_ns_;
   const SurfelOptions& options_;
-  const float noise_m_;
+  const float noise_m_;      // across surfaces
+  const float ray_noise_m_;  // along rays
   Random random_;
 };
 
@@ -108,43 +140,66 @@ void VoxelFitter::AddDiscs(const PlaneFit& plane, const PlanarPatch& patch,
   Stamp(own_indices, &surfel);
   for (const PatchDisc& disc : patch.Discs()) {
     surfel.center_m = disc.center_m;
+    // The rim lies behind the discs that it surrounds, as seen from the sensor.
+    if (disc.at_border) surfel.center_m -= kRimDepth_m * surfel.normal;
     surfel.radius_m = disc.radius_m;
+    surfel.planar = !disc.at_border;
     surfels.push_back(surfel);
   }
 }
 
-bool VoxelFitter::PeelPlane(std::vector<LocalPoint>* local, const Eigen::Vector3f& corner_m,
-                            float edge_m) {
+/// Whether points are no farther from their plane than noise along their rays puts them.
+bool VoxelFitter::IsThin(const PlaneFit& plane, const std::vector<int>& indices) const {
+  float squares = 0.0F;
+  for (const int i : indices) {
+    squares += NoiseShareSquared(plane.normal, points_[i]);
+  }
+  const auto count = static_cast<float>(indices.size());
+  const float expected_m = ray_noise_m_ * std::sqrt(squares / count);
+  return plane.thickness_m <=
+         expected_m * (kMaxThicknessRatio + kThicknessSlack / std::sqrt(2.0F * count));
+}
+
+/// Returns the number of the voxel's own points on the plane that was found; 0: none.
+int VoxelFitter::PeelPlane(std::vector<LocalPoint>* local, const Eigen::Vector3f& corner_m,
+                           float edge_m) {
   const float margin_m = Margin(edge_m);
   std::vector<Eigen::Vector3f> positions;
+  std::vector<int> indices;
   std::vector<char> own;
   int num_own = 0;
   for (const LocalPoint& point : *local) {
     if (!Inside(point.position_m, corner_m, edge_m, margin_m)) continue;
     positions.push_back(point.position_m);
+    indices.push_back(point.index);
     own.push_back(Inside(point.position_m, corner_m, edge_m) ? 1 : 0);
     num_own += own.back();
   }
-  if (num_own < options_.min_points_planar) return false;
+  if (num_own < options_.min_points_planar) return 0;
   std::optional<PlaneFit> plane = FitPlane(positions, kInlierSigmas * noise_m_,
                                            options_.min_points_planar, random_.Fork(num_own));
-  if (!plane) return false;
+  if (!plane) return 0;
   const PatchGates gates{noise_m_, static_cast<float>(options_.max_bias_m)};
   {
     // Only the cells that lie on the plane may say where it is.
     const PlanarPatch first(*plane, positions, own, edge_m, gates);
     std::vector<Eigen::Vector3f> explained;
-    for (const Eigen::Vector3f& position : positions) {
-      if (first.Explains(position)) explained.push_back(position);
+    std::vector<int> explained_indices;
+    for (std::size_t i = 0; i < positions.size(); ++i) {
+      if (!first.Explains(positions[i])) continue;
+      explained.push_back(positions[i]);
+      explained_indices.push_back(indices[i]);
     }
     plane = FitPlaneToAll(explained);
-    if (!plane || plane->num_inliers < options_.min_points_planar) return false;
+    if (!plane || plane->num_inliers < options_.min_points_planar ||
+        !IsThin(*plane, explained_indices)) {
+      return 0;
+    }
   }
   const PlanarPatch patch(*plane, positions, own, edge_m, gates);
-  if (plane->thickness_m > kMaxThicknessSigmas * noise_m_ ||
-      patch.area_m2() < kMinAreaShare * edge_m * edge_m ||
+  if (patch.area_m2() < kMinAreaShare * edge_m * edge_m ||
       patch.narrow_extent_m() < kMinWidthShare * edge_m) {
-    return false;
+    return 0;
   }
   std::vector<LocalPoint> rest;
   std::vector<int> own_indices;
@@ -155,39 +210,34 @@ bool VoxelFitter::PeelPlane(std::vector<LocalPoint>* local, const Eigen::Vector3
                    std::abs(plane->Distance(point.position_m)) < kNearSigmas * noise_m_)) {
       ++num_rivals;
     }
-    if (!patch.Explains(point.position_m)) {
+    if (patch.Explains(point.position_m)) {
+      if (is_own) own_indices.push_back(point.index);
+    } else if (!patch.Absorbs(point.position_m)) {
       rest.push_back(point);
-    } else if (is_own) {
-      own_indices.push_back(point.index);
     }
   }
-  if (static_cast<int>(own_indices.size()) < options_.min_points_planar ||
-      static_cast<float>(own_indices.size()) <
-          kMinExplainedShare * static_cast<float>(num_rivals)) {
-    return false;
+  const auto num_explained = static_cast<int>(own_indices.size());
+  if (num_explained < options_.min_points_planar ||
+      static_cast<float>(num_explained) < kMinExplainedShare * static_cast<float>(num_rivals)) {
+    return 0;
   }
   AddDiscs(*plane, patch, own_indices, edge_m);
   *local = std::move(rest);
-  return true;
+  return num_explained;
 }
 
-void VoxelFitter::AddOccluder(const std::vector<LocalPoint>& local, const Eigen::Vector3f& corner_m,
-                              float edge_m) {
-  std::vector<Eigen::Vector3f> positions;
+/// A disc across the view that is about as large as the points' spread.
+void VoxelFitter::AddOccluder(const std::vector<LocalPoint>& local, float edge_m) {
+  Eigen::Vector3f mean_m = Eigen::Vector3f::Zero();
   std::vector<int> indices;
   for (const LocalPoint& point : local) {
-    if (!Inside(point.position_m, corner_m, edge_m)) continue;
-    positions.push_back(point.position_m);
+    mean_m += point.position_m;
     indices.push_back(point.index);
   }
-  if (static_cast<int>(indices.size()) < options_.min_points_occluder) return;
-  Eigen::Vector3f mean_m = Eigen::Vector3f::Zero();
-  for (const Eigen::Vector3f& position : positions) mean_m += position;
-  mean_m /= static_cast<float>(positions.size());
+  mean_m /= static_cast<float>(local.size());
   float mean_square = 0.0F;
-  for (const Eigen::Vector3f& position : positions)
-    mean_square += (position - mean_m).squaredNorm();
-  mean_square /= static_cast<float>(positions.size());
+  for (const LocalPoint& point : local) mean_square += (point.position_m - mean_m).squaredNorm();
+  mean_square /= static_cast<float>(local.size());
   Surfel surfel;
   surfel.planar = false;
   surfel.center_m = mean_m;
@@ -198,15 +248,40 @@ void VoxelFitter::AddOccluder(const std::vector<LocalPoint>& local, const Eigen:
   surfels.push_back(surfel);
 }
 
-void VoxelFitter::Fit(std::vector<LocalPoint> local, const Eigen::Vector3f& corner_m, float edge_m,
-                      int level) {
+VoxelFitter::Outcome VoxelFitter::Fit(std::vector<LocalPoint> local,
+                                      const Eigen::Vector3f& corner_m, float edge_m, int level) {
+  const std::size_t first_surfel = surfels.size();
+  Outcome outcome;
   for (int i = 0; i < kMaxPlanesPerVoxel; ++i) {
-    if (!PeelPlane(&local, corner_m, edge_m)) break;
+    const int num_on_plane = PeelPlane(&local, corner_m, edge_m);
+    if (num_on_plane == 0) break;
+    if (edge_m < kFineEdge_m) outcome.num_on_small += num_on_plane;
   }
   if (level + 1 >= options_.num_levels) {
-    AddOccluder(local, corner_m, edge_m);
-    return;
+    for (const LocalPoint& point : local) {
+      if (Inside(point.position_m, corner_m, edge_m)) outcome.loose.push_back(point);
+    }
+    outcome.num_clutter = static_cast<int>(outcome.loose.size());
+  } else {
+    FitParts(local, corner_m, edge_m, level, &outcome);
   }
+  if (static_cast<int>(outcome.loose.size()) >= options_.min_points_occluder &&
+      edge_m < kLargestOccluder_m) {
+    AddOccluder(outcome.loose, edge_m);
+    outcome.loose.clear();
+  }
+  if (edge_m <= kJudgeEdge_m && 2.0F * edge_m > kJudgeEdge_m &&
+      static_cast<float>(outcome.num_clutter) >
+          kMaxClutterShare * static_cast<float>(outcome.num_clutter + outcome.num_on_small)) {
+    for (std::size_t i = first_surfel; i < surfels.size(); ++i) {
+      if (surfels[i].scale_m < kFineEdge_m) surfels[i].planar = false;
+    }
+  }
+  return outcome;
+}
+
+void VoxelFitter::FitParts(const std::vector<LocalPoint>& local, const Eigen::Vector3f& corner_m,
+                           float edge_m, int level, Outcome* outcome) {
   const float half_m = 0.5F * edge_m;
   const float margin_m = Margin(half_m);
   for (int part = 0; part < 8; ++part) {
@@ -221,7 +296,11 @@ void VoxelFitter::Fit(std::vector<LocalPoint> local, const Eigen::Vector3f& corn
       of_part.push_back(point);
       has_own |= Inside(point.position_m, part_corner_m, half_m);
     }
-    if (has_own) Fit(std::move(of_part), part_corner_m, half_m, level + 1);
+    if (!has_own) continue;
+    Outcome inner = Fit(std::move(of_part), part_corner_m, half_m, level + 1);
+    outcome->num_on_small += inner.num_on_small;
+    outcome->num_clutter += inner.num_clutter;
+    outcome->loose.insert(outcome->loose.end(), inner.loose.begin(), inner.loose.end());
   }
 }
 
@@ -247,11 +326,22 @@ std::vector<LocalPoint> Gather(const std::vector<ScenePoint>& points, const Voxe
   return local;
 }
 
+/// Of the entries that are not negative.
+double QuantileOfKnown(std::vector<float> values, double share, double none) {
+  values.erase(std::remove_if(values.begin(), values.end(), [](float x) { return x < 0.0F; }),
+               values.end());
+  if (values.empty()) return none;
+  const auto rank = static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size()));
+  std::nth_element(values.begin(), values.begin() + rank, values.end());
+  return values[rank];
+}
+
 }  // namespace
 
-double EstimateSurfaceNoise(const std::vector<ScenePoint>& points, const VoxelGroups& voxels,
-                            const SurfelOptions& options) {
-  std::vector<double> thickness_m(voxels.size(), -1.0);
+SurfaceNoise EstimateSurfaceNoise(const std::vector<ScenePoint>& points, const VoxelGroups& voxels,
+                                  const SurfelOptions& options) {
+  std::vector<float> across_m(voxels.size(), -1.0F);
+  std::vector<float> along_ray_m(voxels.size(), -1.0F);
   tbb::parallel_for(0, voxels.size(), [&](int v) {
     if (voxels.begin[v + 1] - voxels.begin[v] < kNoisePoints) return;
     std::vector<Eigen::Vector3f> positions;
@@ -262,16 +352,18 @@ double EstimateSurfaceNoise(const std::vector<ScenePoint>& points, const VoxelGr
     const auto plane = FitPlane(positions, static_cast<float>(options.max_noise_m),
                                 kNoisePoints / 2, Random(voxels.keys[v]));
     if (!plane || plane->num_inliers < 0.8 * static_cast<double>(positions.size())) return;
-    thickness_m[v] = plane->thickness_m;
+    float share = 0.0F;
+    for (int k = voxels.begin[v]; k < voxels.begin[v + 1]; ++k) {
+      share += NoiseShareSquared(plane->normal, points[voxels.order[k]]);
+    }
+    across_m[v] = plane->thickness_m;
+    along_ray_m[v] = plane->thickness_m / std::sqrt(share / static_cast<float>(positions.size()));
   });
-  std::vector<double> found;
-  for (const double t : thickness_m) {
-    if (t >= 0.0) found.push_back(t);
-  }
-  if (found.empty()) return options.max_noise_m;
-  const auto rank = static_cast<std::ptrdiff_t>(kNoiseQuantile * static_cast<double>(found.size()));
-  std::nth_element(found.begin(), found.begin() + rank, found.end());
-  return std::clamp(found[rank], options.min_noise_m, options.max_noise_m);
+  const auto bounded = [&](double noise_m) {
+    return std::clamp(noise_m, options.min_noise_m, options.max_noise_m);
+  };
+  return {bounded(QuantileOfKnown(std::move(across_m), kNoiseQuantile, options.max_noise_m)),
+          bounded(QuantileOfKnown(std::move(along_ray_m), 0.5, options.max_noise_m))};
 }
 
 std::vector<Surfel> FitSurfels(const std::vector<ScenePoint>& points,
@@ -284,17 +376,17 @@ std::vector<Surfel> FitSurfels(const std::vector<ScenePoint>& points,
     if ((points[i].position_m - points[i].origin_m).norm() > options.max_range_m) continue;
     structure.push_back(static_cast<int>(i));
   }
-  const auto noise_m = static_cast<float>(
-      EstimateSurfaceNoise(points, GroupByVoxel(points, structure, kNoiseVoxel_m), options));
+  const SurfaceNoise noise =
+      EstimateSurfaceNoise(points, GroupByVoxel(points, structure, kNoiseVoxel_m), options);
+  const float margin_m = kMarginSigmas * static_cast<float>(noise.across_m);
   const VoxelGroups voxels = GroupByVoxel(points, structure, options.coarsest_voxel_m);
   const auto edge_m = static_cast<float>(options.coarsest_voxel_m);
   std::vector<std::vector<Surfel>> of_voxel(voxels.size());
   tbb::parallel_for(0, voxels.size(), [&](int v) {
     const Eigen::Vector3f& any_m = points[voxels.order[voxels.begin[v]]].position_m;
     const Eigen::Vector3f corner_m = ((any_m * (1.0F / edge_m)).array().floor() * edge_m).matrix();
-    VoxelFitter fitter(points, stamps_ns, options, noise_m, Random(voxels.keys[v]));
-    fitter.Fit(Gather(points, voxels, v, corner_m, edge_m, kMarginSigmas * noise_m), corner_m,
-               edge_m, 0);
+    VoxelFitter fitter(points, stamps_ns, options, noise, Random(voxels.keys[v]));
+    fitter.Fit(Gather(points, voxels, v, corner_m, edge_m, margin_m), corner_m, edge_m, 0);
     of_voxel[v] = std::move(fitter.surfels);
   });
   std::vector<Surfel> surfels;
