@@ -67,11 +67,15 @@ CameraPrior InitialPrior(const CameraConfig& camera, const PriorOptions& options
   prior.initial_lidar_from_camera = camera.lidar_from_camera;
   const TunableIntrinsics& tunable = camera.model->tunable();
   prior.initial_intrinsics << tunable.focal_scale, tunable.principal_point_px;
-  prior.rotation_rad = options.rotation_deg * kRadPerDeg;
-  prior.translation_m = options.translation_m;
-  prior.focal_scale = options.focal_scale;
-  prior.principal_point_px = options.principal_point_share * camera.model->width_px();
-  prior.time_offset_s = options.time_offset_s;
+  const InitialStddev& stated = camera.initial_stddev;
+  prior.rotation_rad =
+      stated.rotation_rad.value_or(Eigen::Vector3d::Constant(options.rotation_deg * kRadPerDeg));
+  prior.translation_m =
+      stated.translation_m.value_or(Eigen::Vector3d::Constant(options.translation_m));
+  prior.focal_scale = stated.focal_scale.value_or(options.focal_scale);
+  prior.principal_point_px = stated.principal_point_px.value_or(
+      Eigen::Vector2d::Constant(options.principal_point_share * camera.model->width_px()));
+  prior.time_offset_s = stated.time_offset_s.value_or(options.time_offset_s);
   prior.initial_time_offset_s = camera.time_offset_s;
   return prior;
 }

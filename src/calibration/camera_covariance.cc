@@ -57,29 +57,81 @@ Eigen::MatrixXd ScoresByBlock(const std::vector<TransferTerm>& terms, const Spar
   return columns;
 }
 
-/// Largest of two covariances' standard deviations, axis by axis, after turning into other axes.
+/// Where each parameter block begins among the columns of a Jacobian, and which columns are not
+/// solved for but in doubt.
+struct Columns {
+  std::map<const double*, Eigen::Index> solved;  ///< first column among the solved ones
+  SparseMatrix select_solved;                    ///< all columns x solved ones
+  SparseMatrix select_doubted;                   ///< all columns x doubted ones, times their sigma
+};
+
+Columns SplitColumns(const CalibrationProblem& p, const AssembledProblem& assembled) {
+  std::map<const double*, Eigen::Vector3d> doubted;
+  for (std::size_t c = 0; c < p.doubt_held_intrinsics.size(); ++c) {
+    if (p.doubt_held_intrinsics[c]) {
+      doubted[(*p.cameras)[c].intrinsics.data()] = p.priors[c].IntrinsicsStddev();
+    }
+  }
+  using Entry = Eigen::Triplet<double>;
+  std::vector<Entry> solved_entries;
+  std::vector<Entry> doubted_entries;
+  Columns columns;
+  int column = 0;
+  int num_solved = 0;
+  int num_doubted = 0;
+  for (double* block : assembled.blocks) {
+    const int size = assembled.problem->ParameterBlockSize(block);
+    const auto doubt = doubted.find(block);
+    if (doubt == doubted.end()) columns.solved[block] = num_solved;
+    for (int k = 0; k < size; ++k, ++column) {
+      if (doubt == doubted.end()) {
+        solved_entries.emplace_back(column, num_solved++, 1.0);
+      } else {
+        doubted_entries.emplace_back(column, num_doubted++, doubt->second[k]);
+      }
+    }
+  }
+  columns.select_solved.resize(column, num_solved);
+  columns.select_solved.setFromTriplets(solved_entries.begin(), solved_entries.end());
+  columns.select_doubted.resize(column, num_doubted);
+  columns.select_doubted.setFromTriplets(doubted_entries.begin(), doubted_entries.end());
+  return columns;
+}
+
+/// Largest of two covariances' standard deviations, axis by axis, after turning into other axes,
+/// with what doubted parameters add to either.
 Eigen::Vector3d LargerStddev(const Eigen::Matrix3d& formal, const Eigen::Matrix3d& sandwich,
+                             const Eigen::Matrix3d& by_doubt,
                              const Eigen::Matrix3d& target_from_source) {
   const auto diagonal = [&target_from_source](const Eigen::Matrix3d& covariance) {
     return Eigen::Vector3d(
         (target_from_source * covariance * target_from_source.transpose()).diagonal());
   };
-  return diagonal(formal).cwiseMax(diagonal(sandwich)).cwiseMax(0.0).cwiseSqrt();
+  const Eigen::Vector3d variance =
+      diagonal(formal).cwiseMax(diagonal(sandwich)) + diagonal(by_doubt);
+  return variance.cwiseMax(0.0).cwiseSqrt();
 }
 
 }  // namespace
 
 Result<std::vector<CameraStddev>> CalibrationProblem::EstimateStddev(
     std::optional<double> block_s) const {
-  const AssembledProblem assembled = AssembleProblem(*this);
-  SparseMatrix data;
-  SparseMatrix prior;
+  std::vector<bool> held = hold_intrinsics;
+  for (std::size_t c = 0; c < doubt_held_intrinsics.size() && c < held.size(); ++c) {
+    held[c] = held[c] && !doubt_held_intrinsics[c];
+  }
+  const AssembledProblem assembled = AssembleProblem(*this, held);
+  const Columns columns = SplitColumns(*this, assembled);
+  SparseMatrix all_data;
+  SparseMatrix all_prior;
   Eigen::VectorXd residuals;
   Eigen::VectorXd prior_residuals;
-  if (!EvaluateBlocks(assembled, assembled.terms, &data, &residuals) ||
-      !EvaluateBlocks(assembled, assembled.priors, &prior, &prior_residuals)) {
+  if (!EvaluateBlocks(assembled, assembled.terms, &all_data, &residuals) ||
+      !EvaluateBlocks(assembled, assembled.priors, &all_prior, &prior_residuals)) {
     return Status::NumericalFailure("residuals cannot be evaluated at the solution");
   }
+  const SparseMatrix data = all_data * columns.select_solved;
+  const SparseMatrix prior = all_prior * columns.select_solved;
   const ColumnMatrix information =
       ColumnMatrix(data.transpose() * data) + ColumnMatrix(prior.transpose() * prior);
   const Eigen::SimplicialLDLT<ColumnMatrix> factor(information);
@@ -90,36 +142,44 @@ Result<std::vector<CameraStddev>> CalibrationProblem::EstimateStddev(
   const Eigen::MatrixXd influence =
       block_s ? Eigen::MatrixXd(factor.solve(ScoresByBlock(terms, data, residuals, *block_s)))
               : Eigen::MatrixXd::Zero(data.cols(), 0);
+  // What one sigma of each doubted parameter moves the solution by.
+  const Eigen::MatrixXd doubt = factor.solve(
+      Eigen::MatrixXd(data.transpose() * SparseMatrix(all_data * columns.select_doubted)));
 
   std::vector<CameraStddev> result(cameras->size());
-  Eigen::Index column = 0;
   for (std::size_t c = 0; c < cameras->size(); ++c) {
     CameraParameters& camera = (*cameras)[c];
     const Eigen::Matrix3d camera_from_lidar = camera.LidarFromCamera().RotationMatrix().transpose();
-    const auto next = [&](const double* block, int size, const Eigen::Matrix3d& turn) {
+    const auto stddev_of = [&](const double* block, int size, const Eigen::Matrix3d& turn) {
       Eigen::Matrix3d formal = Eigen::Matrix3d::Zero();
       Eigen::Matrix3d sandwich = Eigen::Matrix3d::Zero();
-      if (!assembled.IsFree(block)) return Eigen::Vector3d(0.0, 0.0, 0.0);
+      Eigen::Matrix3d by_doubt = Eigen::Matrix3d::Zero();
+      const auto found = columns.solved.find(block);
+      if (found == columns.solved.end()) return Eigen::Vector3d(0.0, 0.0, 0.0);
+      const Eigen::Index column = found->second;
       Eigen::MatrixXd unit = Eigen::MatrixXd::Zero(data.cols(), size);
       unit.middleRows(column, size).setIdentity();
       const Eigen::MatrixXd inverse = factor.solve(unit);
       const Eigen::MatrixXd spread = influence.middleRows(column, size);
       const Eigen::MatrixXd prior_share = prior * inverse;
+      const Eigen::MatrixXd doubt_share = doubt.middleRows(column, size);
       formal.topLeftCorner(size, size) = inverse.middleRows(column, size);
       if (block_s) {
         sandwich.topLeftCorner(size, size) =
             spread * spread.transpose() + prior_share.transpose() * prior_share;
       }
-      column += size;
-      return LargerStddev(formal, sandwich, turn);
+      by_doubt.topLeftCorner(size, size) = doubt_share * doubt_share.transpose();
+      return LargerStddev(formal, sandwich, by_doubt, turn);
     };
     const Eigen::Matrix3d same = Eigen::Matrix3d::Identity();
-    result[c].rotation_rad = next(camera.rotation_delta_rad.data(), 3, camera_from_lidar);
-    result[c].translation_m = next(camera.translation_delta_m.data(), 3, camera_from_lidar);
-    const Eigen::Vector3d intrinsics = next(camera.intrinsics.data(), 3, same);
+    result[c].rotation_rad = stddev_of(camera.rotation_delta_rad.data(), 3, camera_from_lidar);
+    result[c].translation_m = stddev_of(camera.translation_delta_m.data(), 3, camera_from_lidar);
+    const Eigen::Vector3d intrinsics = c < doubt_held_intrinsics.size() && doubt_held_intrinsics[c]
+                                           ? priors[c].IntrinsicsStddev()
+                                           : stddev_of(camera.intrinsics.data(), 3, same);
     result[c].focal_scale = intrinsics[0];
     result[c].principal_point_px = intrinsics.tail<2>();
-    result[c].time_offset_s = next(&camera.time_offset_delta_s, 1, same)[0];
+    result[c].time_offset_s = stddev_of(&camera.time_offset_delta_s, 1, same)[0];
   }
   return result;
 }

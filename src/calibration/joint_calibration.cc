@@ -89,11 +89,13 @@ Status HoldUnresolvedIntrinsics(const CalibrationOptions& options, CalibrationPr
   const Result<std::vector<CameraStddev>> formal = problem->EstimateStddev(std::nullopt);
   if (!formal.ok()) return formal.status();
   for (std::size_t c = 0; c < joint->cameras.size(); ++c) {
-    const double known_px =
-        options.prior.formal_optimism * (*formal)[c].principal_point_px.maxCoeff();
-    joint->evidence[c].intrinsics_unresolved = known_px > problem->priors[c].principal_point_px;
+    const Eigen::Array2d known_px =
+        options.prior.formal_optimism * (*formal)[c].principal_point_px.array();
+    joint->evidence[c].intrinsics_unresolved =
+        (known_px > problem->priors[c].principal_point_px.array()).any();
     problem->hold_intrinsics.push_back(joint->evidence[c].intrinsics_unresolved);
   }
+  problem->doubt_held_intrinsics = problem->hold_intrinsics;
   return Status::Ok();
 }
 

@@ -8,29 +8,28 @@
 
 namespace scenecalib {
 
-/// (value - mean) / sigma of a small block, component by component.
-class DiagonalPriorCost : public ceres::CostFunction {
+/// root_information * (value - mean) of a small block.
+class PriorCost : public ceres::CostFunction {
  public:
-  DiagonalPriorCost(const Eigen::VectorXd& mean, const Eigen::VectorXd& sigma)
-      : mean_(mean), sigma_(sigma) {
-    set_num_residuals(static_cast<int>(mean.size()));
+  PriorCost(const Eigen::VectorXd& mean, const Eigen::MatrixXd& root_information)
+      : mean_(mean), root_information_(root_information) {
+    set_num_residuals(static_cast<int>(root_information.rows()));
     mutable_parameter_block_sizes()->push_back(static_cast<int>(mean.size()));
   }
 
   bool Evaluate(double const* const* parameters, double* residuals,
                 double** jacobians) const override {
-    const int n = num_residuals();
-    for (int i = 0; i < n; ++i) residuals[i] = (parameters[0][i] - mean_[i]) / sigma_[i];
+    using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+    const Eigen::Map<const Eigen::VectorXd> value(parameters[0], mean_.size());
+    Eigen::Map<Eigen::VectorXd>(residuals, num_residuals()) = root_information_ * (value - mean_);
     if (jacobians == nullptr || jacobians[0] == nullptr) return true;
-    for (int i = 0; i < n; ++i) {
-      for (int j = 0; j < n; ++j) jacobians[0][n * i + j] = i == j ? 1.0 / sigma_[i] : 0.0;
-    }
+    Eigen::Map<RowMajor>(jacobians[0], num_residuals(), mean_.size()) = root_information_;
     return true;
   }
 
  private:
   Eigen::VectorXd mean_;
-  Eigen::VectorXd sigma_;
+  Eigen::MatrixXd root_information_;
 };
 
 /// (next - previous) / sigma of two neighbouring knots: a random walk.

@@ -22,10 +22,15 @@ Vector6d Stack(double rotation, double translation) {
 }
 
 void AddPrior(AssembledProblem* assembled, const Eigen::VectorXd& mean,
-              const Eigen::VectorXd& sigma, double* block) {
+              const Eigen::MatrixXd& root_information, double* block) {
   if (!assembled->problem->HasParameterBlock(block)) return;
   assembled->priors.push_back(
-      assembled->problem->AddResidualBlock(new DiagonalPriorCost(mean, sigma), nullptr, block));
+      assembled->problem->AddResidualBlock(new PriorCost(mean, root_information), nullptr, block));
+}
+
+/// Root of the information of a vector known by standard deviations along a camera's axes.
+Eigen::Matrix3d AlongCamera(const Eigen::Vector3d& sigma, const Rigid3& lidar_from_camera) {
+  return sigma.cwiseInverse().asDiagonal() * lidar_from_camera.RotationMatrix().transpose();
 }
 
 void AddCameraPriors(const CalibrationProblem& p, AssembledProblem* assembled) {
@@ -38,16 +43,18 @@ void AddCameraPriors(const CalibrationProblem& p, AssembledProblem* assembled) {
                camera.base_lidar_from_camera.rotation.conjugate());
     const Eigen::Vector3d translation_mean =
         prior.initial_lidar_from_camera.translation - camera.base_lidar_from_camera.translation;
-    AddPrior(assembled, rotation_mean, Eigen::Vector3d::Constant(prior.rotation_rad),
+    AddPrior(assembled, rotation_mean,
+             AlongCamera(prior.rotation_rad, prior.initial_lidar_from_camera),
              camera.rotation_delta_rad.data());
-    AddPrior(assembled, translation_mean, Eigen::Vector3d::Constant(prior.translation_m),
+    AddPrior(assembled, translation_mean,
+             AlongCamera(prior.translation_m, prior.initial_lidar_from_camera),
              camera.translation_delta_m.data());
     AddPrior(assembled, prior.initial_intrinsics,
-             Eigen::Vector3d(prior.focal_scale, prior.principal_point_px, prior.principal_point_px),
+             prior.IntrinsicsStddev().cwiseInverse().asDiagonal().toDenseMatrix(),
              camera.intrinsics.data());
-    AddPrior(assembled,
-             Eigen::VectorXd::Constant(1, prior.initial_time_offset_s - p.time_offset_s[c]),
-             Eigen::VectorXd::Constant(1, prior.time_offset_s), &camera.time_offset_delta_s);
+    AddPrior(
+        assembled, Eigen::VectorXd::Constant(1, prior.initial_time_offset_s - p.time_offset_s[c]),
+        Eigen::MatrixXd::Constant(1, 1, 1.0 / prior.time_offset_s), &camera.time_offset_delta_s);
   }
 }
 
@@ -71,7 +78,8 @@ void AddCorrectionPriors(const CalibrationProblem& p, AssembledProblem* assemble
 
 }  // namespace
 
-AssembledProblem AssembleProblem(const CalibrationProblem& p) {
+AssembledProblem AssembleProblem(const CalibrationProblem& p,
+                                 const std::vector<bool>& hold_intrinsics) {
   AssembledProblem assembled;
   assembled.problem = std::make_unique<ceres::Problem>();
   // Whitened residuals are divided by their estimated sigma, so that the robust loss and the priors
@@ -84,9 +92,9 @@ AssembledProblem AssembleProblem(const CalibrationProblem& p) {
   }
   AddCameraPriors(p, &assembled);
   if (p.free.correction) AddCorrectionPriors(p, &assembled);
-  for (std::size_t c = 0; c < p.hold_intrinsics.size(); ++c) {
+  for (std::size_t c = 0; c < hold_intrinsics.size(); ++c) {
     double* block = (*p.cameras)[c].intrinsics.data();
-    if (p.hold_intrinsics[c] && assembled.problem->HasParameterBlock(block)) {
+    if (hold_intrinsics[c] && assembled.problem->HasParameterBlock(block)) {
       assembled.problem->SetParameterBlockConstant(block);
     }
   }
@@ -97,7 +105,7 @@ AssembledProblem AssembleProblem(const CalibrationProblem& p) {
     CameraParameters& camera = (*p.cameras)[c];
     keep(camera.rotation_delta_rad.data());
     keep(camera.translation_delta_m.data());
-    if (c >= p.hold_intrinsics.size() || !p.hold_intrinsics[c]) keep(camera.intrinsics.data());
+    if (c >= hold_intrinsics.size() || !hold_intrinsics[c]) keep(camera.intrinsics.data());
     keep(&camera.time_offset_delta_s);
   }
   if (p.free.correction) {

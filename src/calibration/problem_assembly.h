@@ -2,7 +2,6 @@
 
 #include <ceres/problem.h>
 
-#include <algorithm>
 #include <memory>
 #include <vector>
 
@@ -16,12 +15,13 @@ struct AssembledProblem {
   std::vector<ceres::ResidualBlockId> terms;  ///< in the order of CalibrationProblem::terms
   std::vector<ceres::ResidualBlockId> priors;
   std::vector<double*> blocks;  ///< the free ones: cameras in their order, then knots
-
-  bool IsFree(const double* block) const {
-    return std::find(blocks.begin(), blocks.end(), block) != blocks.end();
-  }
 };
 
-AssembledProblem AssembleProblem(const CalibrationProblem& problem);
+/// `hold_intrinsics` instead of the problem's own.
+AssembledProblem AssembleProblem(const CalibrationProblem& problem,
+                                 const std::vector<bool>& hold_intrinsics);
+inline AssembledProblem AssembleProblem(const CalibrationProblem& problem) {
+  return AssembleProblem(problem, problem.hold_intrinsics);
+}
 
 }  // namespace scenecalib

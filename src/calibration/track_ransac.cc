@@ -34,6 +34,13 @@ struct Sampler {
                             jacobians);
   }
 
+  /// Information of a vector known by standard deviations along the camera's axes.
+  static Eigen::Matrix3d AlongCamera(const Eigen::Vector3d& sigma, const CameraPrior& prior) {
+    const Eigen::Matrix3d lidar_from_camera = prior.initial_lidar_from_camera.RotationMatrix();
+    return lidar_from_camera * sigma.cwiseAbs2().cwiseInverse().asDiagonal() *
+           lidar_from_camera.transpose();
+  }
+
   /// Gauss-Newton on the sample's terms with the pose's prior; false when it breaks down.
   bool Fit(const std::vector<int>& sample, CameraParameters* parameters) const {
     const CameraPrior& prior = problem.priors[camera];
@@ -55,10 +62,10 @@ struct Sampler {
           gradient += jacobian.transpose() * whitened;
         }
       }
-      const double rotation_weight = 1.0 / (prior.rotation_rad * prior.rotation_rad);
-      const double translation_weight = 1.0 / (prior.translation_m * prior.translation_m);
-      information.diagonal().head<3>().array() += rotation_weight;
-      information.diagonal().tail<3>().array() += translation_weight;
+      const Eigen::Matrix3d rotation_weight = AlongCamera(prior.rotation_rad, prior);
+      const Eigen::Matrix3d translation_weight = AlongCamera(prior.translation_m, prior);
+      information.topLeftCorner<3, 3>() += rotation_weight;
+      information.bottomRightCorner<3, 3>() += translation_weight;
       gradient.head<3>() += rotation_weight * parameters->rotation_delta_rad;
       gradient.tail<3>() += translation_weight * parameters->translation_delta_m;
       Vector6d step;

@@ -17,6 +17,11 @@ constexpr OptionBound kTranslationM = {-100.0, 100.0};  // no vehicle is longer
 constexpr OptionBound kTimeOffsetS = {-3600.0, 3600.0};
 constexpr OptionBound kScanPeriodS = {0.001, 10.0};
 constexpr OptionBound kImageSizePx = {1.0, 65536.0};
+constexpr OptionBound kStddevM = {1e-5, 10.0};
+constexpr OptionBound kStddevRad = {1e-6, 3.15};
+constexpr OptionBound kStddevShare = {1e-7, 1.0};
+constexpr OptionBound kStddevPx = {1e-4, 1e4};
+constexpr OptionBound kStddevS = {1e-6, 10.0};
 constexpr OptionBound kFocalPx = {1e-3, 1e5};
 // Numbers written with four digits pass, a forgotten or doubled one does not.
 constexpr double kMaxQuaternionNormError = 1e-3;
@@ -136,6 +141,28 @@ void CheckCameraQuality(const YamlReader& reader) {
   }
 }
 
+InitialStddev Tolerances(const YamlReader& reader) {
+  reader.CheckKeys(
+      {"translation_m", "rotation_rad", "focal_scale", "principal_point_px", "time_offset_s"});
+  InitialStddev stddev;
+  const auto numbers = [&reader](const char* key, int count, OptionBound bound) {
+    const auto child = reader.OptionalChild(key);
+    return child ? child->Numbers(static_cast<std::size_t>(count), bound) : std::vector<double>();
+  };
+  const std::vector<double> translation = numbers("translation_m", 3, kStddevM);
+  const std::vector<double> rotation = numbers("rotation_rad", 3, kStddevRad);
+  const std::vector<double> center = numbers("principal_point_px", 2, kStddevPx);
+  const auto focal_scale = reader.OptionalChild("focal_scale");
+  const auto time_offset = reader.OptionalChild("time_offset_s");
+  if (focal_scale) stddev.focal_scale = focal_scale->Number(kStddevShare);
+  if (time_offset) stddev.time_offset_s = time_offset->Number(kStddevS);
+  if (!reader.status().ok()) return stddev;
+  if (!translation.empty()) stddev.translation_m = Eigen::Vector3d(translation.data());
+  if (!rotation.empty()) stddev.rotation_rad = Eigen::Vector3d(rotation.data());
+  if (!center.empty()) stddev.principal_point_px = Eigen::Vector2d(center.data());
+  return stddev;
+}
+
 CameraConfig Camera(const std::string& name, const YamlReader& reader) {
   CameraConfig camera;
   camera.name = name;
@@ -145,7 +172,7 @@ CameraConfig Camera(const std::string& name, const YamlReader& reader) {
         "contain '/'");
   }
   reader.CheckKeys({"image_topic", "camera_info_topic", "frame_id", "time_offset_s",
-                    "lidar_from_camera", "intrinsics", "quality"});
+                    "lidar_from_camera", "initial_stddev", "intrinsics", "quality"});
   camera.image_topic = Topic(reader.Child("image_topic"));
   if (const auto topic = reader.OptionalChild("camera_info_topic")) {
     camera.camera_info_topic = Topic(*topic);
@@ -155,6 +182,9 @@ CameraConfig Camera(const std::string& name, const YamlReader& reader) {
     camera.time_offset_s = offset->Number(kTimeOffsetS);
   }
   camera.lidar_from_camera = Transform(reader.Child("lidar_from_camera"));
+  if (const auto stddev = reader.OptionalChild("initial_stddev")) {
+    camera.initial_stddev = Tolerances(*stddev);
+  }
   if (const auto intrinsics = reader.OptionalChild("intrinsics")) {
     camera.model = Intrinsics(*intrinsics);
   } else if (!camera.camera_info_topic) {

@@ -90,6 +90,22 @@ void PutIntrinsics(const CameraIntrinsics& intrinsics, std::ostream& out) {
   }
 }
 
+void PutTolerances(const InitialStddev& stddev, std::ostream& out) {
+  std::vector<std::string> entries;
+  if (stddev.translation_m) entries.push_back("translation_m: " + List(*stddev.translation_m));
+  if (stddev.rotation_rad) entries.push_back("rotation_rad: " + List(*stddev.rotation_rad));
+  if (stddev.focal_scale) entries.push_back("focal_scale: " + FormatNumber(*stddev.focal_scale));
+  if (stddev.principal_point_px) {
+    entries.push_back("principal_point_px: " + List(*stddev.principal_point_px));
+  }
+  if (stddev.time_offset_s) {
+    entries.push_back("time_offset_s: " + FormatNumber(*stddev.time_offset_s));
+  }
+  if (entries.empty()) return;
+  out << "    initial_stddev:\n";
+  for (const std::string& entry : entries) out << "      " << entry << "\n";
+}
+
 void PutRate(const char* key, const std::optional<MiscalibrationRate>& rate, std::ostream& out) {
   if (!rate) return;
   out << "      " << key << ": {x: " << FormatNumber(rate->x) << ", y: " << FormatNumber(rate->y)
@@ -126,6 +142,7 @@ void PutCamera(const CameraConfig& camera, std::ostream& out) {
   out << "    frame_id: " << Text(camera.frame_id) << "\n"
       << "    time_offset_s: " << FormatNumber(camera.time_offset_s) << "\n";
   PutTransform("    ", "lidar_from_camera", camera.lidar_from_camera, out);
+  PutTolerances(camera.initial_stddev, out);
   if (camera.model) PutIntrinsics(camera.model->intrinsics(), out);
 }
 

@@ -137,12 +137,33 @@ TEST(RigCalibrator, HoldsIntrinsicsThatAStraightDriveDoesNotShowAndSaysSo) {
   const CameraQuality& quality = calibration->result.cameras[0];
   EXPECT_EQ(calibration->result.rig.cameras[0].model->tunable().principal_point_px,
             initial.cameras[0].model->tunable().principal_point_px);
-  EXPECT_EQ(quality.stddev.focal_scale, 0.0);
+  // What is held and not known better than stated is in doubt, and so is what depends on it.
+  EXPECT_DOUBLE_EQ(quality.stddev.focal_scale, options.prior.focal_scale);
+  const double pitch_of_principal_point = quality.stddev.principal_point_px.y() / 1500.0;
+  EXPECT_GT(quality.stddev.rotation_rad.x(), 0.5 * pitch_of_principal_point);
   bool said = false;
   for (const std::string& reason : quality.reasons) {
     said = said || reason.find("intrinsics held at their initial values") != std::string::npos;
   }
   EXPECT_TRUE(said);
+}
+
+TEST(RigCalibrator, StaysWithinTheStatedToleranceOfTheInitialValues) {
+  CanyonOptions canyon;
+  canyon.tracks_per_camera = 200;
+  const CanyonScene scene = MakeCanyonScene({CanyonCamera("front", 0.0, 680.0, false)}, canyon);
+  Rig initial = scene.rig;
+  CameraConfig& camera = initial.cameras[0];
+  camera.lidar_from_camera =
+      camera.lidar_from_camera * Rigid3(ExpSo3({0.0, 0.0, 0.0}), {0.03, 0, 0.05});
+  camera.initial_stddev.translation_m = Eigen::Vector3d(0.2, 0.2, 1e-5);
+  const auto calibration = CalibrateRig(initial, scene.map, scene.segments, HeldIntrinsics(), {});
+  ASSERT_TRUE(calibration.ok()) << calibration.status().message();
+  const Eigen::Vector3d moved =
+      (camera.lidar_from_camera.Inverse() * calibration->result.rig.cameras[0].lidar_from_camera)
+          .translation;
+  EXPECT_NEAR(moved.z(), 0.0, 1e-3) << "forward is said to be known";
+  EXPECT_LT(moved.x(), -0.01) << "right is not";
 }
 
 TEST(RigCalibrator, SameInputGivesTheSameResultToTheLastBit) {

@@ -131,6 +131,28 @@ TEST(RigYaml, ReadsTheOptionalKeysOfTheLidar) {
   EXPECT_DOUBLE_EQ(rig->lidar.scan_period_s.value(), 0.05);
 }
 
+TEST(RigYaml, ReadsAndWritesTheInitialTolerances) {
+  const std::string tolerances =
+      "frame_id: zebra_optical\n    initial_stddev: {translation_m: [0.1, 0.2, 0.3], "
+      "principal_point_px: [2, 3.5], focal_scale: 0.001}";
+  const Result<Rig> rig =
+      ParseRig(Replaced(kRig, "frame_id: zebra_optical", tolerances), "rig.yaml");
+  ASSERT_TRUE(rig.ok()) << rig.status().message();
+  const Result<Rig> back = ParseRig(FormatRig(*rig), "written.yaml");
+  ASSERT_TRUE(back.ok()) << back.status().message();
+  for (const Rig* read : {&*rig, &*back}) {
+    const InitialStddev& stddev = read->cameras[0].initial_stddev;
+    EXPECT_EQ(stddev.translation_m.value(), Eigen::Vector3d(0.1, 0.2, 0.3));
+    EXPECT_EQ(stddev.principal_point_px.value(), Eigen::Vector2d(2.0, 3.5));
+    EXPECT_DOUBLE_EQ(stddev.focal_scale.value(), 0.001);
+    EXPECT_FALSE(stddev.rotation_rad || stddev.time_offset_s);
+  }
+  EXPECT_EQ(ErrorAfter("frame_id: zebra_optical",
+                       "frame_id: zebra_optical\n    initial_stddev: {focal_scale: 0}"),
+            "rig.yaml: cameras.zebra.initial_stddev.focal_scale is '0', must be a number in "
+            "[1e-07, 1]");
+}
+
 TEST(RigYaml, WritesWhatItReadsBackExactly) {
   const Result<Rig> rig = ParseRig(kRig, "rig.yaml");
   ASSERT_TRUE(rig.ok());

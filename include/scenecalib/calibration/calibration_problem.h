@@ -31,16 +31,22 @@ struct TransferTerm {
   Eigen::Matrix2d whitening = Eigen::Matrix2d::Identity();
 };
 
-/// Prior standard deviations of one camera's parameters about the initial rig.
+/// Prior standard deviations of one camera's parameters about the initial rig; of the pose in the
+/// camera frame's axes.
 struct CameraPrior {
   Rigid3 initial_lidar_from_camera;
   Eigen::Vector3d initial_intrinsics = Eigen::Vector3d(1.0, 0.0, 0.0);
-  double rotation_rad = 0.05;
-  double translation_m = 0.3;
+  Eigen::Vector3d rotation_rad = Eigen::Vector3d::Constant(0.05);
+  Eigen::Vector3d translation_m = Eigen::Vector3d::Constant(0.3);
   double focal_scale = 0.01;
-  double principal_point_px = 8.0;
+  Eigen::Vector2d principal_point_px = Eigen::Vector2d::Constant(8.0);
   double time_offset_s = 0.02;
   double initial_time_offset_s = 0.0;
+
+  /// Of (s_f, cx, cy).
+  Eigen::Vector3d IntrinsicsStddev() const {
+    return {focal_scale, principal_point_px.x(), principal_point_px.y()};
+  }
 };
 
 /// What a solve may move.
@@ -79,6 +85,9 @@ struct CalibrationProblem {
   FreeParameters free;
   /// Cameras whose intrinsics stay although `free` would let them go; empty means none.
   std::vector<bool> hold_intrinsics;
+  /// Held intrinsics that are not known better than their prior says, which the standard deviations
+  /// then take into account; empty means none.
+  std::vector<bool> doubt_held_intrinsics;
   double loss_scale = 2.0;      ///< Cauchy, in units of the whitened residual's sigma
   double residual_sigma = 1.0;  ///< what one unit of whitened residual is worth (estimated)
   int max_iterations = 30;
@@ -89,6 +98,7 @@ struct CalibrationProblem {
   /// Standard deviations of every camera at the present parameters, parallel to cameras. The larger
   /// of the formal covariance and of a sandwich estimate over blocks of time, which sees errors
   /// that the terms of one stretch of road share; or the formal one alone when block_s is none.
+  /// Held intrinsics in doubt add what their prior's standard deviation does to the others.
   Result<std::vector<CameraStddev>> EstimateStddev(std::optional<double> block_s) const;
 };
 

@@ -27,6 +27,16 @@ struct OdometryConfig {
   Rigid3 lidar_from_body;
 };
 
+/// How far off a camera's initial values may be, one standard deviation each, where the rig file
+/// says so. Pose in the camera frame's axes (right, down, forward).
+struct InitialStddev {
+  std::optional<Eigen::Vector3d> translation_m;
+  std::optional<Eigen::Vector3d> rotation_rad;  ///< about these axes: pitch, yaw, roll
+  std::optional<double> focal_scale;            ///< of s_f, a share of the focal length
+  std::optional<Eigen::Vector2d> principal_point_px;
+  std::optional<double> time_offset_s;
+};
+
 struct CameraConfig {
   std::string name;
   std::string image_topic;
@@ -34,6 +44,7 @@ struct CameraConfig {
   std::string frame_id;
   double time_offset_s = 0.0;  ///< camera stamp + offset = lidar clock
   Rigid3 lidar_from_camera;
+  InitialStddev initial_stddev;
   CameraModelPtr model;  ///< null until the camera_info message gave the intrinsics
 };
 
