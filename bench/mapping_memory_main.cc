@@ -45,8 +45,13 @@ void ReportMap(const SimulatedDrive& drive, const MappingResult& result) {
                   180.0 / M_PI * error.rotation_rad);
     }
   }
+  std::printf("\n  stated of itself:");
+  for (const RelativeMotionSigma& sigma : result.map.relative_motion) {
+    std::printf("  %.1f s: %.2f mm %.4f deg", sigma.window_s, 1e3 * sigma.translation_m,
+                180.0 / M_PI * sigma.rotation_rad);
+  }
   const auto drift = CompareDrift(truth, result.map.map_from_lidar, 300.0);
-  if (drift.ok()) std::printf("  drift over 300 m: %.4f %%", 100.0 * drift->translation_share);
+  if (drift.ok()) std::printf("\n  drift over 300 m: %.4f %%", 100.0 * drift->translation_share);
   std::printf("\n");
 }
 

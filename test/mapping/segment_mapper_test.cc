@@ -34,6 +34,12 @@ SegmentMapper Feed(const SyntheticDrive& drive, int num_scans, bool with_imu,
   return mapper;
 }
 
+bool Warns(const MappingResult& result, const std::string& text) {
+  return std::any_of(
+      result.report.warnings.begin(), result.report.warnings.end(),
+      [&text](const std::string& warning) { return warning.find(text) != std::string::npos; });
+}
+
 TEST(SegmentMapper, RecoversAKnownDriveWithImu) {
   const SyntheticDrive drive;
   const auto result = Feed(drive, kNumScans, true).BuildMap({});
@@ -119,12 +125,6 @@ TEST(SegmentMapper, KeepsAGivenTrajectory) {
   const auto elsewhere = Trajectory::Create({{1, Rigid3()}, {2, Rigid3()}});
   EXPECT_EQ(mapper.BuildMapWithTrajectory(*elsewhere, {}).status().code(),
             Status::Code::kInsufficientData);
-}
-
-bool Warns(const MappingResult& result, const std::string& text) {
-  return std::any_of(
-      result.report.warnings.begin(), result.report.warnings.end(),
-      [&text](const std::string& warning) { return warning.find(text) != std::string::npos; });
 }
 
 MappingResult MapWithOdometry(const SyntheticDrive& drive, bool use_odometry) {
@@ -218,6 +218,84 @@ TEST(SegmentMapper, ForgetsTheOldestScansAtTheBoundAndCountsThem) {
   ASSERT_TRUE(result.ok()) << result.status().message();
   EXPECT_EQ(result->report.num_scans_dropped_at_bound, 4);
   EXPECT_EQ(result->report.num_scans_used, 10);
+}
+
+TEST(SegmentMapper, ForgetsTheOldestScansWhenThereAreTooManyPointsAndSaysSo) {
+  const SyntheticDrive drive;
+  MappingOptions options;
+  options.refinement.enabled = false;
+  options.buffer.max_points = 100000;  // a scan has about 8000
+  const SegmentMapper mapper = Feed(drive, kNumScans, true, options);
+  EXPECT_GT(mapper.num_scans(), 8);
+  EXPECT_LT(mapper.num_scans(), 16);
+  const auto result = mapper.BuildMap({});
+  ASSERT_TRUE(result.ok()) << result.status().message();
+  EXPECT_EQ(result->report.num_scans_dropped_at_bound, kNumScans - mapper.num_scans());
+  EXPECT_TRUE(Warns(*result, "the oldest"));
+  EXPECT_TRUE(Warns(*result, "max_points"));
+}
+
+TEST(SegmentMapper, LeavesOutScansEvenlyWhenTheSurfacesWouldGetTooManyPoints) {
+  const SyntheticDrive drive;
+  MappingOptions options;
+  options.refinement.enabled = false;
+  const auto all = Feed(drive, 16, true, options).BuildMap({});
+  options.buffer.max_surface_points = 100000;  // of 16 scans of about 8000
+  options.segment.min_scans = 2;
+  const auto some = Feed(drive, 16, true, options).BuildMap({});
+  ASSERT_TRUE(all.ok() && some.ok());
+  EXPECT_TRUE(Warns(*some, "max_surface_points"));
+  EXPECT_FALSE(Warns(*all, "max_surface_points"));
+  EXPECT_EQ(some->report.num_scans_used, 16) << "the trajectory keeps all";
+  EXPECT_LT(some->map.points.size(), all->map.points.size());
+  EXPECT_GT(some->map.points.size(), all->map.points.size() / 2);
+  // The last scans' surfaces are there as well as the first ones'.
+  const auto farthest = [](const MappingResult& result) {
+    float x = 0.0F;
+    for (const MapPoint& point : result.map.points) x = std::max(x, point.position_m.x());
+    return x;
+  };
+  EXPECT_NEAR(farthest(*some), farthest(*all), 3.0);
+}
+
+TEST(SegmentMapper, BridgesScansThatAreMissingInBetween) {
+  const SyntheticDrive drive;
+  SegmentMapper mapper(RigWithImu(drive), MappingOptions());
+  for (const ImuSample& sample : drive.Imu(kDurationS, 200.0, 2)) mapper.AddImu(sample);
+  const std::vector<LidarScan> scans = drive.Scans(kNumScans, 1);
+  for (int i = 0; i < kNumScans; ++i) {
+    if (i >= 10 && i < 13) continue;
+    ASSERT_TRUE(mapper.AddScan(scans[i]).ok());
+  }
+  const auto result = mapper.BuildMap({});
+  ASSERT_TRUE(result.ok()) << result.status().message();
+  EXPECT_EQ(result->report.num_scans_used, kNumScans - 3);
+  const Eigen::Vector2d error =
+      RelativeMotionError(result->map.map_from_lidar, drive.Truth(kDurationS), 1.0);
+  // Three scans' time is borne by the IMU and what was seen from both sides.
+  EXPECT_LT(error[0], 0.01);
+  EXPECT_LT(error[1], 5e-4);
+}
+
+TEST(SegmentMapper, SaysThatNoScanCouldBeTracked) {
+  const SyntheticDrive drive;
+  SegmentMapper mapper(RigWithImu(drive), MappingOptions());
+  Random random(5);
+  for (int i = 0; i < 12; ++i) {
+    LidarScan scan = drive.Scan(0.1 * i, &random);
+    for (LidarPoint& point : scan.points) {  // every scan shows another world
+      point.position_in_lidar_m =
+          Eigen::Vector3d(random.Uniform(-30.0, 30.0), random.Uniform(-30.0, 30.0),
+                          random.Uniform(-8.0, 8.0))
+              .cast<float>();
+    }
+    ASSERT_TRUE(mapper.AddScan(scan).ok());
+  }
+  const auto result = mapper.BuildMap({});
+  ASSERT_FALSE(result.ok());
+  EXPECT_EQ(result.status().code(), Status::Code::kInsufficientData);
+  EXPECT_NE(result.status().message().find("of 12 received"), std::string::npos)
+      << result.status().message();
 }
 
 TEST(SegmentMapper, DetectsLostTrackingAndUsesTheLongestStretch) {

@@ -8,6 +8,9 @@ namespace scenecalib {
 namespace {
 
 constexpr double kDurationS = 2.0;
+/// Of the loop's first trajectory.
+constexpr double kDriftShare = 1.005;
+constexpr double kYawDriftRadS = 0.003;
 
 /// The true trajectory with a smooth error that grows to a decimetre.
 PoseSpline Perturbed(const SyntheticDrive& drive) {
@@ -97,6 +100,44 @@ TEST(TrajectoryRefiner, RefusesASceneWithoutPlanes) {
     }
   }
   EXPECT_EQ(fixture.Refine().status().code(), Status::Code::kInsufficientData);
+}
+
+/// Once around a loop and a quarter more, from a trajectory that drifts as an odometry would.
+TEST(TrajectoryRefiner, ClosesALoopWhereAPlaceIsVisitedAgain) {
+  SyntheticDrive drive;
+  drive.loop_radius_m = 18.0;
+  drive.speed_m_s = 12.0;
+  drive.boxes = SyntheticDrive::Ring(drive.loop_radius_m);
+  drive.num_columns = 180;
+  const double lap_s = 2.0 * M_PI * drive.loop_radius_m / drive.speed_m_s;
+  const int num_scans = static_cast<int>(10.0 * 1.25 * lap_s);
+  const double duration_s = 0.1 * num_scans;
+  std::vector<TimedPose> poses = drive.Truth(duration_s).poses();
+  Rigid3 drifting = poses.front().map_from_lidar;
+  std::vector<TimedPose> drifted = {poses.front()};
+  for (std::size_t i = 1; i < poses.size(); ++i) {
+    Rigid3 step = poses[i - 1].map_from_lidar.Inverse() * poses[i].map_from_lidar;
+    step.translation *= kDriftShare;
+    step.rotation = step.rotation * ExpSo3({0.0, 0.0, kYawDriftRadS * 0.005});
+    drifting = drifting * step;
+    drifted.push_back({poses[i].stamp_ns, drifting});
+  }
+  const Trajectory truth = drive.Truth(duration_s);
+  const auto initial = Trajectory::Create(drifted);
+  const auto lap_error = [&](const Trajectory& trajectory) {
+    return RelativeMotionError(trajectory, truth, lap_s)[0];
+  };
+  std::vector<PackedScan> packed;
+  for (const LidarScan& scan : drive.Scans(num_scans, 1)) packed.emplace_back(scan, 1.0, 60.0);
+  std::vector<const PackedScan*> pointers;
+  for (const PackedScan& scan : packed) pointers.push_back(&scan);
+  const auto result =
+      RefineTrajectory(PoseSpline(*initial, 0.05), pointers, MotionPrior{Rig{}}, {}, {});
+  ASSERT_TRUE(result.ok()) << result.status().message();
+  const double before_m = lap_error(*initial);
+  const double after_m = lap_error(*Trajectory::Create(result->map_from_lidar.Sample(0.005)));
+  EXPECT_GT(before_m, 0.4);
+  EXPECT_LT(after_m, 5e-3);
 }
 
 TEST(TrajectoryRefiner, StopsWhenAskedTo) {
