@@ -11,7 +11,7 @@ namespace scenecalib {
 /// at about 90 bytes a point while they are built.
 struct ScanBufferOptions {
   int max_scans = 1500;
-  int max_points = 60000000;
+  int max_points = 54000000;
   int max_surface_points = 14000000;
   double max_imu_age_s = 300.0;
   void Visit(OptionVisitor& v) {
