@@ -31,7 +31,7 @@ struct Tile {
 /// The lattice that all tiles share: its vertices are the multiples of cell_m.
 struct Lattice {
   Lattice(const GroundOptions& options) : cells_per_tile(1), size_m(options.tile_size_m) {
-    while (size_m / cells_per_tile > options.mesh_cell_m) cells_per_tile *= 2;
+    while (size_m / cells_per_tile > 1.001 * options.mesh_cell_m) cells_per_tile *= 2;
     cell_m = size_m / cells_per_tile;
     pad = std::max(1, static_cast<int>(std::ceil(Overlap(options) / cell_m)));
     pad = std::min(pad, cells_per_tile);

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 namespace scenecalib {
 namespace {
@@ -14,6 +15,10 @@ namespace {
 /// A column whose heights spread more than this holds a step.
 constexpr float kMaxFlatSpread_m = 0.06F;
 constexpr float kSlice_m = 0.04F;
+/// Returns of a flat within a slice: thicker than their noise, thinner than the slice.
+constexpr float kLayer_m = 0.02F;
+/// A flat's layer holds at least this share of the returns of the column's densest.
+constexpr double kMinLayerShare = 0.6;
 /// Normals come from the samples within this many columns.
 constexpr int kNormalReach = 3;
 constexpr int kMinNormalSamples = 5;
@@ -63,28 +68,61 @@ std::vector<KeyedPoint> SortIntoColumns(const std::vector<ScenePoint>& points,
   return sorted;
 }
 
-/// One sample per column, or per slice of a column with a step. `sorted` is by height.
+/// The mean of the returns [begin, end), sorted by height, as one sample.
+void AppendMean(const KeyedPoint* begin, const KeyedPoint* end,
+                std::vector<GroundSample>* samples) {
+  if (end - begin < kMinReturns) return;
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (const KeyedPoint* point = begin; point != end; ++point) {
+    sum += point->position_m.cast<double>();
+  }
+  GroundSample sample;
+  sample.position_m = (sum / static_cast<double>(end - begin)).cast<float>();
+  sample.num_returns = static_cast<int>(end - begin);
+  samples->push_back(sample);
+}
+
+/// A column with a step: the lowest and the highest of its layers that hold many returns. Those
+/// from the step's face are spread over all heights; they would lift the road before it.
+void AverageStep(const KeyedPoint* begin, const KeyedPoint* end,
+                 std::vector<GroundSample>* samples) {
+  using Layer = std::pair<const KeyedPoint*, const KeyedPoint*>;
+  std::vector<Layer> layers;  // the densest of every slice
+  for (const KeyedPoint* first = begin; first != end;) {
+    const KeyedPoint* last = first;
+    while (last != end && last->position_m.z() - first->position_m.z() <= kSlice_m) ++last;
+    Layer densest(first, first);
+    const KeyedPoint* top = first;
+    for (const KeyedPoint* bottom = first; bottom != last; ++bottom) {
+      while (top != last && top->position_m.z() - bottom->position_m.z() <= kLayer_m) ++top;
+      if (top - bottom > densest.second - densest.first) densest = {bottom, top};
+    }
+    layers.push_back(densest);
+    first = last;
+  }
+  const auto size = [](const Layer& layer) { return layer.second - layer.first; };
+  std::ptrdiff_t largest = 0;
+  for (const Layer& layer : layers) largest = std::max(largest, size(layer));
+  const auto is_flat = [&](const Layer& layer) {
+    return static_cast<double>(size(layer)) >= kMinLayerShare * static_cast<double>(largest);
+  };
+  const auto lowest = std::find_if(layers.begin(), layers.end(), is_flat);
+  const auto highest = std::find_if(layers.rbegin(), layers.rend(), is_flat);
+  AppendMean(lowest->first, lowest->second, samples);
+  if (*highest != *lowest) AppendMean(highest->first, highest->second, samples);
+}
+
+/// One sample per column, or several of a column with a step. `sorted` is by height.
 void AverageColumn(const KeyedPoint* begin, const KeyedPoint* end,
                    std::vector<GroundSample>* samples) {
   const auto count = end - begin;
   // The spread without the outermost tenths: noise has tails, a step has mass.
   const float low_m = begin[count / 10].position_m.z();
   const float high_m = begin[count - 1 - count / 10].position_m.z();
-  const float slice_m = high_m - low_m > kMaxFlatSpread_m ? kSlice_m : 1e6F;
-  for (const KeyedPoint* first = begin; first != end;) {
-    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-    const KeyedPoint* last = first;
-    while (last != end && last->position_m.z() - first->position_m.z() <= slice_m) {
-      sum += last->position_m.cast<double>();
-      ++last;
-    }
-    if (last - first >= kMinReturns) {
-      GroundSample sample;
-      sample.position_m = (sum / static_cast<double>(last - first)).cast<float>();
-      sample.num_returns = static_cast<int>(last - first);
-      samples->push_back(sample);
-    }
-    first = last;
+  if (high_m - low_m > kMaxFlatSpread_m) {
+    AverageStep(begin, end, samples);
+  } else {
+    AppendMean(begin, end, samples);
   }
 }
 

@@ -43,7 +43,7 @@ constexpr float kJudgeEdge_m = 1.0F;
 /// Points too few to make an occluder are pooled in voxels of up to this edge.
 constexpr float kLargestOccluder_m = 0.45F;
 /// Noise is read off voxels of this edge that hold at least so many points.
-constexpr double kNoiseVoxel_m = 0.4;
+constexpr float kNoiseVoxel_m = 0.4F;
 constexpr int kNoisePoints = 60;
 /// Rank of the noise among them: walls seen head-on show all of the range noise, oblique ones less.
 constexpr double kNoiseQuantile = 0.6;
@@ -304,6 +304,11 @@ void VoxelFitter::FitParts(const std::vector<LocalPoint>& local, const Eigen::Ve
   }
 }
 
+/// The lowest corner of the voxel that holds a point.
+Eigen::Vector3f CornerOf(const Eigen::Vector3f& point_m, float edge_m) {
+  return ((point_m * (1.0F / edge_m)).array().floor() * edge_m).matrix();
+}
+
 /// The points of a voxel and of its margin, from the voxel and its 26 neighbours.
 std::vector<LocalPoint> Gather(const std::vector<ScenePoint>& points, const VoxelGroups& voxels,
                                int v, const Eigen::Vector3f& corner_m, float edge_m,
@@ -344,17 +349,19 @@ SurfaceNoise EstimateSurfaceNoise(const std::vector<ScenePoint>& points, const V
   std::vector<float> along_ray_m(voxels.size(), -1.0F);
   tbb::parallel_for(0, voxels.size(), [&](int v) {
     if (voxels.begin[v + 1] - voxels.begin[v] < kNoisePoints) return;
+    // With a margin, and a wide gate: neither must cut the noise that is to be measured.
+    const Eigen::Vector3f corner_m =
+        CornerOf(points[voxels.order[voxels.begin[v]]].position_m, kNoiseVoxel_m);
+    const std::vector<LocalPoint> local =
+        Gather(points, voxels, v, corner_m, kNoiseVoxel_m, static_cast<float>(options.max_noise_m));
     std::vector<Eigen::Vector3f> positions;
-    for (int k = voxels.begin[v]; k < voxels.begin[v + 1]; ++k) {
-      positions.push_back(points[voxels.order[k]].position_m);
-    }
-    // A wide gate: it must not cut the noise that it is to measure.
+    for (const LocalPoint& point : local) positions.push_back(point.position_m);
     const auto plane = FitPlane(positions, static_cast<float>(options.max_noise_m),
                                 kNoisePoints / 2, Random(voxels.keys[v]));
     if (!plane || plane->num_inliers < 0.8 * static_cast<double>(positions.size())) return;
     float share = 0.0F;
-    for (int k = voxels.begin[v]; k < voxels.begin[v + 1]; ++k) {
-      share += NoiseShareSquared(plane->normal, points[voxels.order[k]]);
+    for (const LocalPoint& point : local) {
+      share += NoiseShareSquared(plane->normal, points[point.index]);
     }
     across_m[v] = plane->thickness_m;
     along_ray_m[v] = plane->thickness_m / std::sqrt(share / static_cast<float>(positions.size()));
@@ -383,8 +390,8 @@ std::vector<Surfel> FitSurfels(const std::vector<ScenePoint>& points,
   const auto edge_m = static_cast<float>(options.coarsest_voxel_m);
   std::vector<std::vector<Surfel>> of_voxel(voxels.size());
   tbb::parallel_for(0, voxels.size(), [&](int v) {
-    const Eigen::Vector3f& any_m = points[voxels.order[voxels.begin[v]]].position_m;
-    const Eigen::Vector3f corner_m = ((any_m * (1.0F / edge_m)).array().floor() * edge_m).matrix();
+    const Eigen::Vector3f corner_m =
+        CornerOf(points[voxels.order[voxels.begin[v]]].position_m, edge_m);
     VoxelFitter fitter(points, stamps_ns, options, noise, Random(voxels.keys[v]));
     fitter.Fit(Gather(points, voxels, v, corner_m, edge_m, margin_m), corner_m, edge_m, 0);
     of_voxel[v] = std::move(fitter.surfels);

@@ -63,9 +63,9 @@ struct GroundOptions {
   double max_height_above_low_m = 0.07;
   double max_range_m = 50.0;
   double column_size_m = 0.1;
-  double tile_size_m = 16.0;
+  double tile_size_m = 12.8;
   double tile_overlap_m = 0.8;
-  double mesh_cell_m = 0.07;
+  double mesh_cell_m = 0.05;
   double smoothing_m = 0.3;
   double max_hole_m = 0.4;
   void Visit(OptionVisitor& v) {
