@@ -28,8 +28,17 @@ constexpr std::size_t kRaysPerTask = 512;
 /// Edge of the cells that origins fall into, and bits per axis of the (octahedral) direction.
 constexpr double kOriginCell_m = 16.0;
 constexpr int kDirectionBits = 6;
+/// In that order rays and hits are scattered in memory: they are fetched so many rays ahead.
+constexpr std::size_t kRaysAhead = 6;
 /// Fewer rays than this are not worth sorting.
 constexpr std::size_t kMinRaysToSort = 1024;
+
+void Prefetch(const void* first, std::size_t size) {
+  constexpr std::size_t kCacheLine = 64;
+  for (std::size_t offset = 0; offset < size; offset += kCacheLine) {
+    __builtin_prefetch(static_cast<const char*>(first) + offset);
+  }
+}
 
 /// Bits of the lower half of a word spread over its even places (Morton order).
 std::uint32_t SpreadBits(std::uint32_t value) {
@@ -248,6 +257,10 @@ std::vector<std::optional<RayHit>> RayCaster::Cast(const std::vector<Ray>& rays,
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, rays.size(), kRaysPerTask),
                     [&](const tbb::blocked_range<std::size_t>& range) {
                       for (std::size_t k = range.begin(); k != range.end(); ++k) {
+                        if (sorted && k + kRaysAhead < range.end()) {
+                          Prefetch(&rays[order[k + kRaysAhead]], sizeof(Ray));
+                          Prefetch(&hits[order[k + kRaysAhead]], sizeof(hits[0]));
+                        }
                         const std::size_t i = sorted ? order[k] : k;
                         hits[i] = impl_->Cast(rays[i], max_range_m);
                       }
