@@ -1,6 +1,7 @@
 #include "scenecalib/tracking/camera_tracker.h"
 
 #include <algorithm>
+#include <cmath>
 #include <opencv2/imgproc.hpp>
 #include <optional>
 #include <string>
@@ -9,6 +10,7 @@
 
 #include "scenecalib/tracking/live_tracker.h"
 #include "scenecalib/tracking/reference_registration.h"
+#include "scenecalib/tracking/track_extension.h"
 #include "scenecalib/tracking/track_verification.h"
 
 namespace scenecalib {
@@ -137,13 +139,27 @@ CameraSegment CameraTracker::Segment() const {
   }
   const VerificationOptions& verification = impl.options.verification;
   const cv::Mat mask = impl.live->Mask();
-  segment.tracks = RegisterAgainstReference(
-      impl.live->Tracks(), impl.images, mask, TypicalQuality(impl.images, mask),
-      verification.min_observations, impl.options.registration);
+  const ImageQuality quality = TypicalQuality(impl.images, mask);
+  std::vector<RegisteredTrack> registered =
+      RegisterAgainstReference(impl.live->Tracks(), impl.images, mask, quality,
+                               verification.min_observations, impl.options.registration);
+  ExtendTracks(*impl.model, impl.images, mask, quality, impl.options, &registered);
+  for (RegisteredTrack& track : registered) segment.tracks.push_back(std::move(track.track));
   VerifyTracks(*impl.model, verification, &segment.tracks);
   if (segment.tracks.empty()) {
     segment.warnings.push_back(impl.name + ": no feature could be tracked in " +
                                std::to_string(impl.num_images_in) + " images");
+  }
+  std::size_t num_observations = 0;
+  for (const Track& track : segment.tracks) num_observations += track.observations.size();
+  const std::size_t tracks_an_image =
+      num_observations / std::max<std::size_t>(1, impl.images.size());
+  if (2 * impl.num_images_black < impl.num_images_in &&
+      segment.mean_brightness < impl.options.flow.dark_mean &&
+      tracks_an_image < static_cast<std::size_t>(verification.min_tracks_in_dark)) {
+    segment.warnings.push_back(impl.name + ": too dark: mean grey value " +
+                               std::to_string(std::lround(segment.mean_brightness)) + ", " +
+                               std::to_string(tracks_an_image) + " verified tracks an image");
   }
   return segment;
 }

@@ -79,9 +79,9 @@ FrameTracking LiveTracker::Add(const GrayImage& image) {
   frame.mean_brightness = quality.mean;
   frame.is_black = quality.mean < kBlackMean && quality.contrast < kBlackDeviation;
   const RegistrationOptions& registration = options_.registration;
-  max_residual_levels_ =
-      std::hypot(registration.max_residual_noise * kBilinearNoise * quality.noise_levels,
-                 registration.max_residual_contrast * quality.contrast);
+  noise_levels_ = kBilinearNoise * quality.noise_levels;
+  max_residual_levels_ = std::hypot(registration.max_residual_noise * noise_levels_,
+                                    registration.max_residual_contrast * quality.contrast);
 
   const bool is_first = previous_image_.empty();
   const bool equalise = quality.mean < options_.flow.dark_mean;
@@ -239,7 +239,9 @@ bool LiveTracker::Extend(const GrayImage& image, const Prediction& predicted, do
                                        kLiveConvergence * registration.convergence_px,
                                        registration.max_correction_px};
   const auto match = active_track->patch.Register(image.pixels, initial, limits);
-  if (!match || match->ncc < min_ncc || !IsSet(domain_, match->warp.center_px)) return false;
+  if (!match || match->ncc < min_ncc * ReachableNcc(match->reference_sigma, noise_levels_) ||
+      !IsSet(domain_, match->warp.center_px))
+    return false;
   if (match->residual_sigma > max_residual_levels_ * std::hypot(1.0, match->gain)) {
     active_track->straddles_edge = true;
     return false;
@@ -298,7 +300,10 @@ bool LiveTracker::Rescue(const GrayImage& image, const FlowPyramid& pyramid, con
     const auto match =
         patch->Register(pyramid.base(), reduced,
                         {options_.registration.max_iterations, 0.05, kMaxRescueShiftPx / scale});
-    if (!match || match->ncc < options_.registration.min_live_ncc) return false;
+    if (!match || match->ncc < options_.registration.min_live_ncc *
+                                   ReachableNcc(match->reference_sigma, noise_levels_)) {
+      return false;
+    }
     predicted.pixel = scale * match->warp.center_px;
   }
   return Extend(image, predicted, options_.registration.min_live_ncc, active_track);

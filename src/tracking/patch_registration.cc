@@ -260,6 +260,7 @@ std::optional<PatchMatch> PatchTemplate::Register(const cv::Mat& image, const Pa
   if (!(variance > 1e-6)) return std::nullopt;
   const double covariance = weighted_.col(num_motion).dot(values);
   match.ncc = covariance / std::sqrt(variance * variance_);
+  match.reference_sigma = std::sqrt(variance_);
   match.bias = solution[num_motion + 1];
   match.residual_sigma = std::sqrt(residual_variance);
   match.covariance_px2 = match.warp.affine * unit_covariance_ * match.warp.affine.transpose() *

@@ -56,19 +56,11 @@ Span ChooseReference(const LiveTrack& track, int begin, int end, double max_scal
 
 class TrackRegistrar {
  public:
-  TrackRegistrar(const LiveTrack& live, const std::map<Timestamp, cv::Mat>& images,
-                 const cv::Mat& mask, const ImageQuality& quality, int min_observations,
+  TrackRegistrar(const LiveTrack& live, const ReferenceMatcher& matcher, int min_observations,
                  const RegistrationOptions& options)
-      : live_(live),
-        images_(images),
-        mask_(mask),
-        max_residual_levels_(
-            std::hypot(options.max_residual_noise * kSmoothedNoise * quality.noise_levels,
-                       options.max_residual_contrast * quality.contrast)),
-        min_observations_(min_observations),
-        options_(options) {}
+      : live_(live), matcher_(matcher), min_observations_(min_observations), options_(options) {}
 
-  std::vector<Track> Run() {
+  std::vector<RegisteredTrack> Run() {
     RegisterRange(0, static_cast<int>(live_.observations.size()));
     return std::move(tracks_);
   }
@@ -78,26 +70,28 @@ class TrackRegistrar {
   void RegisterRange(int begin, int end) {
     if (end - begin < min_observations_ || num_attempts_ >= kMaxTrackParts) return;
     const Span span = ChooseReference(live_, begin, end, options_.max_scale);
-    Track track;
+    RegisteredTrack registered;
+    Track& track = registered.track;
     track.id = live_.id * kMaxTrackParts + num_attempts_;
     ++num_attempts_;
     int first = span.reference;
     int last = span.reference;
-    if (span.end - span.begin >= min_observations_) RegisterSpan(span, &track, &first, &last);
+    if (span.end - span.begin >= min_observations_) {
+      RegisterSpan(span, &registered, &first, &last);
+    }
     if (static_cast<int>(track.observations.size()) >= min_observations_) {
-      tracks_.push_back(std::move(track));
+      tracks_.push_back(std::move(registered));
     }
     RegisterRange(begin, first);
     RegisterRange(last + 1, end);
   }
 
-  void RegisterSpan(const Span& span, Track* track, int* first, int* last) const {
+  void RegisterSpan(const Span& span, RegisteredTrack* registered, int* first, int* last) const {
+    Track* track = &registered->track;
     const LiveObservation& reference = live_.observations[span.reference];
     const Eigen::Vector2d center_px(std::round(reference.pixel.x()),
                                     std::round(reference.pixel.y()));
-    if (!IsAllowed(center_px)) return;
-    const auto patch = PatchTemplate::Create(images_.at(reference.stamp_ns), center_px,
-                                             options_.radius_px, WarpFreedom::kAffine);
+    const auto patch = matcher_.Prepare(reference.stamp_ns, center_px);
     if (!patch) return;
     const Eigen::Matrix2d first_from_reference = reference.affine_from_first.inverse();
     std::map<int, PatchMatch> matches;
@@ -107,7 +101,7 @@ class TrackRegistrar {
       PatchWarp initial;
       initial.affine = live.affine_from_first * first_from_reference;
       initial.center_px = live.pixel + initial.affine * (center_px - reference.pixel);
-      const auto match = Match(*patch, initial, live.stamp_ns);
+      const auto match = matcher_.Match(*patch, initial, live.stamp_ns);
       if (match) matches.emplace(i, *match);
     }
     DropWherePartsDisagree(reference, center_px, &matches);
@@ -128,6 +122,10 @@ class TrackRegistrar {
         continue;
       }
       track->observations.push_back(observation);
+      const Eigen::Matrix2d affine =
+          match != matches.end() ? match->second.warp.affine : Eigen::Matrix2d::Identity();
+      if (track->observations.size() == 1) registered->first_from_reference = affine;
+      registered->last_from_reference = affine;
       *first = std::min(*first, i);
       *last = std::max(*last, i);
     }
@@ -141,30 +139,10 @@ class TrackRegistrar {
   /// with the distance from the reference view.
   void DropWherePartsDisagree(const LiveObservation& reference, const Eigen::Vector2d& center_px,
                               std::map<int, PatchMatch>* matches) const {
-    const int part_radius_px = options_.radius_px / 2;
-    std::vector<std::pair<Eigen::Vector2d, PatchTemplate>> parts;
-    for (const double x : {-1.0, 1.0}) {
-      for (const double y : {-1.0, 1.0}) {
-        const Eigen::Vector2d offset = part_radius_px * Eigen::Vector2d(x, y);
-        auto part = PatchTemplate::Create(images_.at(reference.stamp_ns), center_px + offset,
-                                          part_radius_px, WarpFreedom::kShift);
-        if (part) parts.emplace_back(offset, std::move(*part));
-      }
-    }
+    const auto parts = matcher_.PrepareParts(reference.stamp_ns, center_px);
     const auto disagree = [&](const std::pair<const int, PatchMatch>& entry) {
-      const cv::Mat& image = images_.at(live_.observations[entry.first].stamp_ns);
-      for (const auto& [offset, part] : parts) {
-        PatchWarp initial = entry.second.warp;
-        initial.center_px = entry.second.warp(offset);
-        const auto match = part.Register(
-            image, initial,
-            {options_.max_iterations, kPartConvergencePx, 2.0 * options_.max_part_shift_px});
-        if (!match ||
-            (match->warp.center_px - initial.center_px).norm() > options_.max_part_shift_px) {
-          return true;
-        }
-      }
-      return false;
+      return matcher_.PartsDisagree(parts, entry.second.warp,
+                                    live_.observations[entry.first].stamp_ns);
     };
     const auto is_after = [&](const std::pair<const int, PatchMatch>& entry) {
       return live_.observations[entry.first].stamp_ns > reference.stamp_ns;
@@ -177,41 +155,88 @@ class TrackRegistrar {
     }
   }
 
-  std::optional<PatchMatch> Match(const PatchTemplate& patch, const PatchWarp& initial,
-                                  Timestamp stamp_ns) const {
-    const PatchRegistrationLimits limits{options_.max_iterations, options_.convergence_px,
-                                         options_.max_correction_px};
-    auto match = patch.Register(images_.at(stamp_ns), initial, limits);
-    if (!match || match->ncc < options_.min_ncc ||
-        match->residual_sigma > max_residual_levels_ * std::hypot(1.0, match->gain) ||
-        !IsAllowed(match->warp.center_px) ||
-        ScaleChange(match->warp.affine) > 1.2 * options_.max_scale) {
-      return std::nullopt;
-    }
-    match->covariance_px2 *= options_.noise_correlation;
-    const double max_variance = options_.max_sigma_px * options_.max_sigma_px;
-    // The trace bounds the larger eigenvalue from above, twice the determinant's root from below.
-    if (!(match->covariance_px2.trace() < max_variance)) return std::nullopt;
-    return match;
-  }
-
-  bool IsAllowed(const Eigen::Vector2d& pixel) const {
-    const int x = static_cast<int>(std::lround(pixel.x()));
-    const int y = static_cast<int>(std::lround(pixel.y()));
-    return x >= 0 && y >= 0 && x < mask_.cols && y < mask_.rows && mask_.at<uchar>(y, x) != 0;
-  }
-
   const LiveTrack& live_;
-  const std::map<Timestamp, cv::Mat>& images_;
-  const cv::Mat& mask_;
-  const double max_residual_levels_;  ///< that each of the two images may contribute
+  const ReferenceMatcher& matcher_;
   const int min_observations_;
   const RegistrationOptions& options_;
-  std::vector<Track> tracks_;
+  std::vector<RegisteredTrack> tracks_;
   int num_attempts_ = 0;
 };
 
 }  // namespace
+
+ReferenceMatcher::ReferenceMatcher(const std::map<Timestamp, cv::Mat>& images, const cv::Mat& mask,
+                                   const ImageQuality& quality, const RegistrationOptions& options)
+    : images_(images),
+      mask_(mask),
+      options_(options),
+      noise_levels_(kSmoothedNoise * quality.noise_levels),
+      max_residual_levels_(std::hypot(options.max_residual_noise * noise_levels_,
+                                      options.max_residual_contrast * quality.contrast)) {}
+
+std::optional<PatchTemplate> ReferenceMatcher::Prepare(Timestamp stamp_ns,
+                                                       const Eigen::Vector2d& center_px) const {
+  if (!IsAllowed(center_px)) return std::nullopt;
+  return PatchTemplate::Create(images_.at(stamp_ns), center_px, options_.radius_px,
+                               WarpFreedom::kAffine);
+}
+
+std::optional<PatchMatch> ReferenceMatcher::Match(const PatchTemplate& patch,
+                                                  const PatchWarp& initial,
+                                                  Timestamp stamp_ns) const {
+  const PatchRegistrationLimits limits{options_.max_iterations, options_.convergence_px,
+                                       options_.max_correction_px};
+  auto match = patch.Register(images_.at(stamp_ns), initial, limits);
+  if (!match ||
+      match->ncc < options_.min_ncc * ReachableNcc(match->reference_sigma, noise_levels_) ||
+      match->residual_sigma > max_residual_levels_ * std::hypot(1.0, match->gain) ||
+      !IsAllowed(match->warp.center_px) ||
+      ScaleChange(match->warp.affine) > 1.2 * options_.max_scale) {
+    return std::nullopt;
+  }
+  match->covariance_px2 *= options_.noise_correlation;
+  const double max_variance = options_.max_sigma_px * options_.max_sigma_px;
+  // The trace bounds the larger eigenvalue from above, twice the determinant's root from below.
+  if (!(match->covariance_px2.trace() < max_variance)) return std::nullopt;
+  return match;
+}
+
+std::vector<std::pair<Eigen::Vector2d, PatchTemplate>> ReferenceMatcher::PrepareParts(
+    Timestamp stamp_ns, const Eigen::Vector2d& center_px) const {
+  const int part_radius_px = options_.radius_px / 2;
+  std::vector<std::pair<Eigen::Vector2d, PatchTemplate>> parts;
+  for (const double x : {-1.0, 1.0}) {
+    for (const double y : {-1.0, 1.0}) {
+      const Eigen::Vector2d offset = part_radius_px * Eigen::Vector2d(x, y);
+      auto part = PatchTemplate::Create(images_.at(stamp_ns), center_px + offset, part_radius_px,
+                                        WarpFreedom::kShift);
+      if (part) parts.emplace_back(offset, std::move(*part));
+    }
+  }
+  return parts;
+}
+
+bool ReferenceMatcher::PartsDisagree(
+    const std::vector<std::pair<Eigen::Vector2d, PatchTemplate>>& parts, const PatchWarp& warp,
+    Timestamp stamp_ns) const {
+  for (const auto& [offset, part] : parts) {
+    PatchWarp initial = warp;
+    initial.center_px = warp(offset);
+    const auto match = part.Register(
+        images_.at(stamp_ns), initial,
+        {options_.max_iterations, kPartConvergencePx, 2.0 * options_.max_part_shift_px});
+    if (!match || (match->warp.center_px - initial.center_px).norm() > options_.max_part_shift_px) {
+      return true;
+    }
+  }
+  return false;
+}
+
+bool ReferenceMatcher::IsAllowed(const Eigen::Vector2d& pixel) const {
+  const int x = static_cast<int>(std::lround(pixel.x()));
+  const int y = static_cast<int>(std::lround(pixel.y()));
+  return x >= 0 && y >= 0 && x < mask_.cols && y < mask_.rows && mask_.at<uchar>(y, x) != 0;
+}
 
 double ScaleChange(const Eigen::Matrix2d& affine) {
   // Singular values of a 2x2 matrix in closed form.
@@ -223,26 +248,28 @@ double ScaleChange(const Eigen::Matrix2d& affine) {
   return std::max(largest, 1.0 / std::max(smallest, 1e-12));
 }
 
-std::vector<Track> RegisterAgainstReference(const std::vector<LiveTrack>& live_tracks,
-                                            const std::map<Timestamp, cv::Mat>& images,
-                                            const cv::Mat& mask, const ImageQuality& quality,
-                                            int min_observations,
-                                            const RegistrationOptions& options) {
-  std::vector<std::vector<Track>> parts(live_tracks.size());
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, live_tracks.size(), 16),
-                    [&](const tbb::blocked_range<std::size_t>& range) {
-                      for (std::size_t i = range.begin(); i < range.end(); ++i) {
-                        parts[i] = TrackRegistrar(live_tracks[i], images, mask, quality,
-                                                  min_observations, options)
-                                       .Run();
-                      }
-                    });
-  std::vector<Track> tracks;
+std::vector<RegisteredTrack> RegisterAgainstReference(const std::vector<LiveTrack>& live_tracks,
+                                                      const std::map<Timestamp, cv::Mat>& images,
+                                                      const cv::Mat& mask,
+                                                      const ImageQuality& quality,
+                                                      int min_observations,
+                                                      const RegistrationOptions& options) {
+  const ReferenceMatcher matcher(images, mask, quality, options);
+  std::vector<std::vector<RegisteredTrack>> parts(live_tracks.size());
+  tbb::parallel_for(
+      tbb::blocked_range<std::size_t>(0, live_tracks.size(), 16),
+      [&](const tbb::blocked_range<std::size_t>& range) {
+        for (std::size_t i = range.begin(); i < range.end(); ++i) {
+          parts[i] = TrackRegistrar(live_tracks[i], matcher, min_observations, options).Run();
+        }
+      });
+  std::vector<RegisteredTrack> tracks;
   for (auto& part : parts) {
     std::move(part.begin(), part.end(), std::back_inserter(tracks));
   }
-  std::sort(tracks.begin(), tracks.end(),
-            [](const Track& a, const Track& b) { return a.id < b.id; });
+  std::sort(tracks.begin(), tracks.end(), [](const RegisteredTrack& a, const RegisteredTrack& b) {
+    return a.track.id < b.track.id;
+  });
   return tracks;
 }
 

@@ -140,9 +140,12 @@ std::vector<Track> RegisterAffine(const RoadScene& scene) {
   }
   RegistrationOptions options;
   const cv::Mat mask(300, 400, CV_8UC1, cv::Scalar(255));
-  return RegisterAgainstReference(live, scene.images, mask,
-                                  MeasureImageQuality(scene.images.begin()->second, mask), 3,
-                                  options);
+  std::vector<Track> tracks;
+  for (const RegisteredTrack& registered : RegisterAgainstReference(
+           live, scene.images, mask, MeasureImageQuality(scene.images.begin()->second, mask), 3,
+           options))
+    tracks.push_back(registered.track);
+  return tracks;
 }
 
 TEST(WarpThroughPlane, AgreesWithTracingEveryPixelOfThePatch) {

@@ -88,6 +88,7 @@ class LiveTracker {
   std::int64_t next_id_ = 0;
 
   int num_images_ = 0;
+  double noise_levels_ = 0.0;         ///< of the newest image, as patches are read
   double max_residual_levels_ = 0.0;  ///< that the newest image may contribute to a registration's
   cv::Mat previous_image_;
   FlowPyramid previous_pyramid_;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <opencv2/core.hpp>
 #include <optional>
 
@@ -42,14 +43,22 @@ struct PatchRegistrationLimits {
 /// Outcome of a registration that converged inside the image.
 struct PatchMatch {
   PatchWarp warp;
-  double ncc = 0.0;             ///< normalised cross-correlation under the window, [-1, 1]
-  double gain = 1.0;            ///< other = gain * reference + bias
-  double bias = 0.0;            ///< grey values
-  double residual_sigma = 0.0;  ///< grey values of the other image
+  double ncc = 0.0;              ///< normalised cross-correlation under the window, [-1, 1]
+  double gain = 1.0;             ///< other = gain * reference + bias
+  double bias = 0.0;             ///< grey values
+  double residual_sigma = 0.0;   ///< grey values of the other image
+  double reference_sigma = 0.0;  ///< of the reference's grey values under the window
   /// Covariance of center_px for residuals that are independent between pixels.
   Eigen::Matrix2d covariance_px2 = Eigen::Matrix2d::Zero();
   int iterations = 0;
 };
+
+/// Correlation that two views of a patch can reach when both carry noise of this deviation, given
+/// the deviation of the patch's grey values with the noise in them.
+inline double ReachableNcc(double reference_sigma, double noise_sigma) {
+  const double variance = reference_sigma * reference_sigma;
+  return variance > 0.0 ? std::max(0.0, 1.0 - noise_sigma * noise_sigma / variance) : 0.0;
+}
 
 /// The neighbourhood of one pixel of a reference image, prepared for registering other images
 /// against it.

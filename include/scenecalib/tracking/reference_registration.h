@@ -4,10 +4,13 @@
 #include <cstdint>
 #include <map>
 #include <opencv2/core.hpp>
+#include <optional>
+#include <utility>
 #include <vector>
 
 #include "scenecalib/base/timestamp.h"
 #include "scenecalib/tracking/image_quality.h"
+#include "scenecalib/tracking/patch_registration.h"
 #include "scenecalib/tracking/track.h"
 #include "scenecalib/tracking/tracking_options.h"
 
@@ -27,6 +30,43 @@ struct LiveTrack {
   std::vector<LiveObservation> observations;
 };
 
+/// A track after its registration, with what is needed to carry it on.
+struct RegisteredTrack {
+  Track track;
+  Eigen::Matrix2d first_from_reference = Eigen::Matrix2d::Identity();  ///< affine, first sighting
+  Eigen::Matrix2d last_from_reference = Eigen::Matrix2d::Identity();   ///< affine, last sighting
+};
+
+/// The registration of single sightings against a reference view, and its criteria.
+class ReferenceMatcher {
+ public:
+  /// `images` and `mask` must outlive this.
+  ReferenceMatcher(const std::map<Timestamp, cv::Mat>& images, const cv::Mat& mask,
+                   const ImageQuality& quality, const RegistrationOptions& options);
+
+  /// The patch around a whole pixel of an image; none where there is too little to see.
+  std::optional<PatchTemplate> Prepare(Timestamp stamp_ns, const Eigen::Vector2d& center_px) const;
+
+  /// None when the patch does not match. The covariance is that of the match, both images' noise.
+  std::optional<PatchMatch> Match(const PatchTemplate& patch, const PatchWarp& initial,
+                                  Timestamp stamp_ns) const;
+
+  /// True where the quarters of a reference patch move unlike the whole.
+  bool PartsDisagree(const std::vector<std::pair<Eigen::Vector2d, PatchTemplate>>& parts,
+                     const PatchWarp& warp, Timestamp stamp_ns) const;
+  std::vector<std::pair<Eigen::Vector2d, PatchTemplate>> PrepareParts(
+      Timestamp stamp_ns, const Eigen::Vector2d& center_px) const;
+
+ private:
+  bool IsAllowed(const Eigen::Vector2d& pixel) const;
+
+  const std::map<Timestamp, cv::Mat>& images_;
+  const cv::Mat& mask_;
+  RegistrationOptions options_;
+  double noise_levels_;         ///< as patches are read
+  double max_residual_levels_;  ///< that each of the two images may contribute
+};
+
 /// Largest factor by which an affine map stretches or shrinks any direction, >= 1.
 double ScaleChange(const Eigen::Matrix2d& affine);
 
@@ -43,10 +83,11 @@ double ScaleChange(const Eigen::Matrix2d& affine);
 /// number of threads. `quality` is what the images are worth on the whole; `mask` is zero where an
 /// observation may not lie; every stamp must have its image.
 constexpr int kMaxTrackParts = 8;
-std::vector<Track> RegisterAgainstReference(const std::vector<LiveTrack>& live_tracks,
-                                            const std::map<Timestamp, cv::Mat>& images,
-                                            const cv::Mat& mask, const ImageQuality& quality,
-                                            int min_observations,
-                                            const RegistrationOptions& options);
+std::vector<RegisteredTrack> RegisterAgainstReference(const std::vector<LiveTrack>& live_tracks,
+                                                      const std::map<Timestamp, cv::Mat>& images,
+                                                      const cv::Mat& mask,
+                                                      const ImageQuality& quality,
+                                                      int min_observations,
+                                                      const RegistrationOptions& options);
 
 }  // namespace scenecalib

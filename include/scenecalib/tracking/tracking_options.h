@@ -65,8 +65,8 @@ struct RegistrationOptions {
   double sigma_floor_px = 0.02;
   double noise_correlation = 4.0;
   double max_residual_noise = 2.0;
-  double max_residual_contrast = 0.05;
-  double max_part_shift_px = 0.6;
+  double max_residual_contrast = 0.04;
+  double max_part_shift_px = 0.45;
 
   void Visit(OptionVisitor& v) {
     v.Field("live_radius_px", &live_radius_px, {3, 30},
@@ -110,6 +110,7 @@ struct VerificationOptions {
   double max_epipolar_error_px = 0.7;
   double max_outlier_share = 0.25;
   double min_motion_px = 1.0;
+  int min_tracks_in_dark = 150;
 
   void Visit(OptionVisitor& v) {
     v.Field("min_observations", &min_observations, {2, 1000}, "shorter tracks are dropped");
@@ -125,6 +126,9 @@ struct VerificationOptions {
             "share of such pairs at which the whole track is dropped");
     v.Field("min_motion_px", &min_motion_px, {0, 100},
             "median motion below which a pair of images cannot be checked");
+    v.Field("min_tracks_in_dark", &min_tracks_in_dark, {0, 100000},
+            "a dark camera with fewer verified tracks in an image, on average, says that it is too "
+            "dark");
   }
 };
 
