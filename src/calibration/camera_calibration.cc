@@ -59,6 +59,7 @@ CameraParameters InitialParameters(const CameraConfig& camera) {
   parameters.base_lidar_from_camera = camera.lidar_from_camera;
   const TunableIntrinsics& tunable = camera.model->tunable();
   parameters.intrinsics << tunable.focal_scale, tunable.principal_point_px;
+  parameters.rolling_shutter_line_time_s = camera.rolling_shutter_line_time_s.value_or(0.0);
   return parameters;
 }
 

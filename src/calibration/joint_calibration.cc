@@ -110,7 +110,10 @@ Status RegisterAgain(const JointCamera& camera, int index, const std::vector<Tra
   std::map<Timestamp, Rigid3> map_from_camera;
   const Rigid3 lidar_from_camera = parameters.LidarFromCamera();
   for (const auto& image : camera.segment->images) {
-    const Timestamp stamp_ns = AddSeconds(image.first, joint->time_offset_s[index]);
+    // Rolling shutters: the middle row's time. Only the shape of a warp comes from this pose.
+    const double middle_s =
+        0.5 * parameters.rolling_shutter_line_time_s * camera.config->model->height_px();
+    const Timestamp stamp_ns = AddSeconds(image.first, joint->time_offset_s[index] + middle_s);
     const auto pose = trajectory.Interpolate(stamp_ns);
     if (!pose) continue;
     map_from_camera[image.first] = joint->correction.Apply(*pose, stamp_ns) * lidar_from_camera;

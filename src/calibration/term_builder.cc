@@ -45,9 +45,15 @@ std::vector<int> Spread(int n, int count, int keep) {
 
 }  // namespace
 
+Timestamp StampOf(const CameraContext& context, const TrackObservation& observation) {
+  return AddSeconds(observation.stamp_ns,
+                    context.time_offset_s +
+                        context.parameters->rolling_shutter_line_time_s * observation.pixel.y());
+}
+
 std::optional<TransferView> ViewAt(const CameraContext& context,
                                    const TrackObservation& observation) {
-  const Timestamp stamp_ns = AddSeconds(observation.stamp_ns, context.time_offset_s);
+  const Timestamp stamp_ns = StampOf(context, observation);
   const auto map_from_lidar = context.map_from_lidar->Interpolate(stamp_ns);
   if (!map_from_lidar) return std::nullopt;
   TransferView view;
@@ -66,9 +72,9 @@ std::vector<std::vector<Ray>> BuildBundles(const CameraContext& context,
   std::vector<std::vector<Ray>> bundles(tracks.size());
   for (std::size_t i = 0; i < tracks.size(); ++i) {
     for (const TrackObservation& observation : tracks[i].observations) {
-      auto [entry, inserted] = map_from_camera.try_emplace(observation.stamp_ns);
+      const Timestamp stamp_ns = StampOf(context, observation);
+      auto [entry, inserted] = map_from_camera.try_emplace(stamp_ns);
       if (inserted) {
-        const Timestamp stamp_ns = AddSeconds(observation.stamp_ns, context.time_offset_s);
         const auto pose = context.map_from_lidar->Interpolate(stamp_ns);
         if (pose) entry->second = context.correction->Apply(*pose, stamp_ns) * lidar_from_camera;
       }
@@ -90,7 +96,7 @@ std::vector<TransferTerm> BuildTerms(const CameraContext& context, const std::ve
       options.pixel_sigma_floor_px * options.pixel_sigma_floor_px * Eigen::Matrix2d::Identity();
   std::map<Timestamp, std::optional<TransferView>> views;
   const auto view_at = [&](const TrackObservation& observation) {
-    auto [entry, inserted] = views.try_emplace(observation.stamp_ns);
+    auto [entry, inserted] = views.try_emplace(StampOf(context, observation));
     if (inserted) entry->second = ViewAt(context, observation);
     std::optional<TransferView> view = entry->second;
     if (view) view->pixel = observation.pixel;
@@ -113,7 +119,7 @@ std::vector<TransferTerm> BuildTerms(const CameraContext& context, const std::ve
     term.plane_point_in_map_m = associations[i].point_in_map_m;
     term.plane_normal_in_map = associations[i].normal_in_map;
     term.plane_sigma_m = std::hypot(options.plane_sigma_floor_m, plane_extra);
-    const Timestamp source_stamp = AddSeconds(reference.stamp_ns, context.time_offset_s);
+    const Timestamp source_stamp = StampOf(context, reference);
     if (!context.correction->empty()) term.source_place = context.correction->Locate(source_stamp);
     const int num_views = static_cast<int>(track.observations.size());
     for (const int k : Spread(num_views, options.max_views_per_track, track.reference)) {
@@ -123,7 +129,7 @@ std::vector<TransferTerm> BuildTerms(const CameraContext& context, const std::ve
       if (!target) continue;
       term.target = *target;
       term.target_covariance_px2 = observation.covariance_px2 + floor_px2;
-      term.target_stamp_ns = AddSeconds(observation.stamp_ns, context.time_offset_s);
+      term.target_stamp_ns = StampOf(context, observation);
       if (!context.correction->empty()) {
         term.target_place = context.correction->Locate(term.target_stamp_ns);
       }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cctype>
 #include <cmath>
+#include <filesystem>
 #include <map>
 #include <vector>
 
@@ -16,6 +17,7 @@ namespace {
 constexpr OptionBound kTranslationM = {-100.0, 100.0};  // no vehicle is longer
 constexpr OptionBound kTimeOffsetS = {-3600.0, 3600.0};
 constexpr OptionBound kScanPeriodS = {0.001, 10.0};
+constexpr OptionBound kLineTimeS = {-0.001, 0.001};  // negative: read from the bottom row upwards
 constexpr OptionBound kImageSizePx = {1.0, 65536.0};
 constexpr OptionBound kStddevM = {1e-5, 10.0};
 constexpr OptionBound kStddevRad = {1e-6, 3.15};
@@ -172,7 +174,8 @@ CameraConfig Camera(const std::string& name, const YamlReader& reader) {
         "contain '/'");
   }
   reader.CheckKeys({"image_topic", "camera_info_topic", "frame_id", "time_offset_s",
-                    "lidar_from_camera", "initial_stddev", "intrinsics", "quality"});
+                    "lidar_from_camera", "initial_stddev", "mask", "rolling_shutter_line_time_s",
+                    "intrinsics", "quality"});
   camera.image_topic = Topic(reader.Child("image_topic"));
   if (const auto topic = reader.OptionalChild("camera_info_topic")) {
     camera.camera_info_topic = Topic(*topic);
@@ -180,6 +183,12 @@ CameraConfig Camera(const std::string& name, const YamlReader& reader) {
   camera.frame_id = FrameId(reader.Child("frame_id"));
   if (const auto offset = reader.OptionalChild("time_offset_s")) {
     camera.time_offset_s = offset->Number(kTimeOffsetS);
+  }
+  if (const auto mask = reader.OptionalChild("mask")) {
+    camera.mask_file = mask->String();
+  }
+  if (const auto line_time = reader.OptionalChild("rolling_shutter_line_time_s")) {
+    camera.rolling_shutter_line_time_s = line_time->Number(kLineTimeS);
   }
   camera.lidar_from_camera = Transform(reader.Child("lidar_from_camera"));
   if (const auto stddev = reader.OptionalChild("initial_stddev")) {
@@ -271,7 +280,13 @@ Result<Rig> ParseRig(const std::string& yaml_text, const std::string& source_nam
 Result<Rig> ReadRig(const std::string& path) {
   const Result<std::string> text = internal::ReadTextFile(path);
   if (!text.ok()) return text.status();
-  return ParseRig(*text, path);
+  Result<Rig> rig = ParseRig(*text, path);
+  if (!rig.ok()) return rig;
+  const std::filesystem::path directory = std::filesystem::path(path).parent_path();
+  for (CameraConfig& camera : rig->cameras) {
+    if (camera.mask_file) camera.mask_file = (directory / *camera.mask_file).string();
+  }
+  return rig;
 }
 
 }  // namespace scenecalib

@@ -143,6 +143,11 @@ void PutCamera(const CameraConfig& camera, std::ostream& out) {
       << "    time_offset_s: " << FormatNumber(camera.time_offset_s) << "\n";
   PutTransform("    ", "lidar_from_camera", camera.lidar_from_camera, out);
   PutTolerances(camera.initial_stddev, out);
+  if (camera.mask_file) out << "    mask: " << Text(*camera.mask_file) << "\n";
+  if (camera.rolling_shutter_line_time_s) {
+    out << "    rolling_shutter_line_time_s: " << FormatNumber(*camera.rolling_shutter_line_time_s)
+        << "\n";
+  }
   if (camera.model) PutIntrinsics(camera.model->intrinsics(), out);
 }
 

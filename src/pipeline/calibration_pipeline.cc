@@ -10,15 +10,16 @@
 #include <utility>
 
 #include "scenecalib/pipeline/stream_check.h"
+#include "scenecalib/tracking/camera_mask.h"
 
 namespace scenecalib {
 namespace {
 
 /// One camera on its way through the pipeline.
 struct CameraFeed {
-  CameraFeed(const CameraConfig& config, const TrackingOptions& options)
+  CameraFeed(const CameraConfig& config, const TrackingOptions& options, const cv::Mat& mask)
       : check("camera " + config.name + " (" + config.image_topic + ")"),
-        tracker(config.name, config.model, options) {}
+        tracker(config.name, config.model, options, mask) {}
 
   StreamCheck check;
   CameraTracker tracker;
@@ -88,14 +89,16 @@ std::size_t NumThreads(int threads_option) {
 }
 
 struct CalibrationPipeline::Impl {
-  Impl(const Rig& rig_in, const PipelineOptions& options_in)
+  Impl(const Rig& rig_in, const PipelineOptions& options_in, const std::vector<cv::Mat>& masks)
       : rig(rig_in),
         options(options_in),
         threads(tbb::global_control::max_allowed_parallelism, NumThreads(options_in.threads)),
         lidar_check("lidar (" + rig_in.lidar.topic + ")"),
         mapper(rig_in, options_in.mapping) {
     cameras.reserve(rig.cameras.size());
-    for (const CameraConfig& camera : rig.cameras) cameras.emplace_back(camera, options.tracking);
+    for (std::size_t i = 0; i < rig.cameras.size(); ++i) {
+      cameras.emplace_back(rig.cameras[i], options.tracking, masks[i]);
+    }
   }
 
   /// The map, and at the same time the cameras' verified tracks.
@@ -141,7 +144,13 @@ Result<CalibrationPipeline> CalibrationPipeline::Create(const Rig& rig,
                                      "camera_info");
     }
   }
-  return CalibrationPipeline(std::make_unique<Impl>(rig, options));
+  std::vector<cv::Mat> masks;
+  for (const CameraConfig& camera : rig.cameras) {
+    Result<cv::Mat> mask = ReadCameraMask(camera);
+    if (!mask.ok()) return mask.status();
+    masks.push_back(*mask);
+  }
+  return CalibrationPipeline(std::make_unique<Impl>(rig, options, masks));
 }
 
 CalibrationPipeline::CalibrationPipeline(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}

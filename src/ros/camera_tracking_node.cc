@@ -10,6 +10,7 @@
 
 #include "scenecalib/ros/message_conversion.h"
 #include "scenecalib/ros/stage_messages.h"
+#include "scenecalib/tracking/camera_mask.h"
 
 namespace scenecalib {
 namespace {
@@ -19,13 +20,15 @@ constexpr std::size_t kQueueLength = 50;
 
 }  // namespace
 
-CameraTrackingNode::CameraTrackingNode(const CameraConfig& camera, const TrackingOptions& options,
+CameraTrackingNode::CameraTrackingNode(const CameraConfig& camera, const cv::Mat& mask,
+                                       const TrackingOptions& options,
                                        const ros::NodeHandle& handle)
     : camera_(camera),
+      mask_(mask),
       options_(options),
       topics_(handle),
       services_(ros::NodeHandle(handle, "camera_tracking/" + camera.name), 1) {
-  if (camera_.model) tracker_.emplace(camera_.name, camera_.model, options_);
+  if (camera_.model) tracker_.emplace(camera_.name, camera_.model, options_, mask_);
   state_.sensor = camera_.name;
   ros::NodeHandle own(handle, "camera_tracking/" + camera.name);
   state_publisher_ = own.advertise<SegmentState>("state", 1, true);
@@ -97,7 +100,7 @@ void CameraTrackingNode::HandleInfo(const sensor_msgs::CameraInfoConstPtr& messa
       return;
     }
     info_ = *message;
-    tracker_.emplace(camera_.name, *model, options_);
+    tracker_.emplace(camera_.name, *model, options_, mask_);
   });
 }
 
@@ -179,7 +182,10 @@ Result<std::shared_ptr<std::vector<std::unique_ptr<CameraTrackingNode>>>> Create
   auto nodes = std::make_shared<std::vector<std::unique_ptr<CameraTrackingNode>>>();
   for (const CameraConfig& camera : setup->rig.cameras) {
     if (!wanted.empty() && camera.name != wanted) continue;
-    nodes->push_back(std::make_unique<CameraTrackingNode>(camera, setup->options.tracking, handle));
+    const Result<cv::Mat> mask = ReadCameraMask(camera);
+    if (!mask.ok()) return mask.status();
+    nodes->push_back(
+        std::make_unique<CameraTrackingNode>(camera, *mask, setup->options.tracking, handle));
   }
   if (nodes->empty()) {
     return Status::NotFound("parameter " + private_handle.resolveName("camera") +

@@ -46,6 +46,7 @@ struct CameraTracker::Impl {
   std::string name;
   CameraModelPtr model;
   TrackingOptions options;
+  cv::Mat mask;  ///< of the user, or empty
 
   std::optional<LiveTracker> live;  ///< none until the first image
   std::map<Timestamp, cv::Mat> images;
@@ -72,6 +73,10 @@ Status CameraTracker::Impl::Check(const GrayImage& image) const {
                                    std::to_string(model->width_px()) + "x" +
                                    std::to_string(model->height_px()));
   }
+  if (!mask.empty() && mask.size() != image.pixels.size()) {
+    return Status::InvalidArgument(name + ": mask is " + std::to_string(mask.cols) + "x" +
+                                   std::to_string(mask.rows) + ", not as the images");
+  }
   if (num_images_in > 0 && image.stamp_ns <= last_stamp_ns) {
     return Status::InvalidArgument(name + ": image stamp runs backwards or repeats (" +
                                    std::to_string(image.stamp_ns) + " ns after " +
@@ -80,11 +85,13 @@ Status CameraTracker::Impl::Check(const GrayImage& image) const {
   return Status::Ok();
 }
 
-CameraTracker::CameraTracker(std::string name, CameraModelPtr model, const TrackingOptions& options)
+CameraTracker::CameraTracker(std::string name, CameraModelPtr model, const TrackingOptions& options,
+                             const cv::Mat& mask)
     : impl_(std::make_unique<Impl>()) {
   impl_->name = std::move(name);
   impl_->model = std::move(model);
   impl_->options = options;
+  impl_->mask = mask.clone();
 }
 
 CameraTracker::~CameraTracker() = default;
@@ -96,13 +103,14 @@ void CameraTracker::Reset() {
   fresh->name = impl_->name;
   fresh->model = impl_->model;
   fresh->options = impl_->options;
+  fresh->mask = impl_->mask;
   impl_ = std::move(fresh);
 }
 
 Result<FrameTracking> CameraTracker::AddImage(const GrayImage& image) {
   Impl& impl = *impl_;
   SCENECALIB_RETURN_IF_ERROR(impl.Check(image));
-  if (!impl.live) impl.live.emplace(impl.model, impl.options);
+  if (!impl.live) impl.live.emplace(impl.model, impl.options, impl.mask);
   const GrayImage kept{
       image.stamp_ns, image.pixels.clone(), {}};  // the caller may reuse its buffer
   const FrameTracking frame = impl.live->Add(kept);

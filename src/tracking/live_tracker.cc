@@ -37,8 +37,9 @@ constexpr double kLiveConvergence = 8.0;
 constexpr double kBlackMean = 3.0;
 constexpr double kBlackDeviation = 2.0;
 
-/// Pixels that the model covers, away from its border by `margin_px`.
-cv::Mat MakeDomainMask(const CameraModel& model, int margin_px) {
+/// Pixels that the model covers and the mask (if any) lets see, away from their border by
+/// `margin_px`.
+cv::Mat MakeDomainMask(const CameraModel& model, const cv::Mat& seen, int margin_px) {
   cv::Mat mask(model.height_px(), model.width_px(), CV_8UC1, cv::Scalar(0));
   for (int y = 0; y < mask.rows; ++y) {
     for (int x = 0; x < mask.cols; ++x) {
@@ -47,6 +48,7 @@ cv::Mat MakeDomainMask(const CameraModel& model, int margin_px) {
       }
     }
   }
+  if (!seen.empty()) mask.setTo(0, seen == 0);
   const int edge = 2 * margin_px + 1;
   cv::erode(mask, mask, cv::getStructuringElement(cv::MORPH_RECT, {edge, edge}), {-1, -1}, 1,
             cv::BORDER_CONSTANT, cv::Scalar(0));
@@ -66,10 +68,10 @@ cv::Point2f ToPoint(const Eigen::Vector2d& pixel) {
 
 }  // namespace
 
-LiveTracker::LiveTracker(CameraModelPtr model, const TrackingOptions& options)
+LiveTracker::LiveTracker(CameraModelPtr model, const TrackingOptions& options, const cv::Mat& seen)
     : model_(std::move(model)),
       options_(options),
-      domain_(MakeDomainMask(*model_, options_.registration.live_radius_px + 2)),
+      domain_(MakeDomainMask(*model_, seen, options_.registration.live_radius_px + 2)),
       allowed_(domain_.clone()) {}
 
 FrameTracking LiveTracker::Add(const GrayImage& image) {

@@ -44,6 +44,8 @@ cameras:
     image_topic: /fisheye/image_raw
     frame_id: fisheye_optical
     time_offset_s: -0.0125
+    mask: masks/fisheye.png
+    rolling_shutter_line_time_s: 0.00002
     lidar_from_camera: {translation_m: [2.7, 0.0, -1.2], rotation_xyzw: [-0.5, 0.5, -0.5, 0.5]}
     intrinsics:
       model: ftheta
@@ -119,6 +121,10 @@ TEST(RigYaml, ReadsEverySensorInTheFilesOrder) {
   EXPECT_EQ(rig->cameras[1].model->name(), "ftheta");
   EXPECT_EQ(rig->cameras[2].model, nullptr);
   EXPECT_EQ(rig->cameras[2].camera_info_topic, "/later/camera_info");
+  EXPECT_EQ(rig->cameras[1].mask_file, "masks/fisheye.png");
+  EXPECT_EQ(rig->cameras[1].rolling_shutter_line_time_s, 2e-5);
+  EXPECT_FALSE(rig->cameras[0].mask_file);
+  EXPECT_FALSE(rig->cameras[0].rolling_shutter_line_time_s);
 }
 
 TEST(RigYaml, ReadsTheOptionalKeysOfTheLidar) {
@@ -151,6 +157,25 @@ TEST(RigYaml, ReadsAndWritesTheInitialTolerances) {
                        "frame_id: zebra_optical\n    initial_stddev: {focal_scale: 0}"),
             "rig.yaml: cameras.zebra.initial_stddev.focal_scale is '0', must be a number in "
             "[1e-07, 1]");
+}
+
+TEST(RigYaml, MasksLieWhereTheRigFileLies) {
+  const testing::TemporaryDirectory directory;
+  const std::string path = directory.path() + "/rig.yaml";
+  std::ofstream(path) << kRig;
+  const Result<Rig> rig = ReadRig(path);
+  ASSERT_TRUE(rig.ok()) << rig.status().message();
+  EXPECT_EQ(rig->cameras[1].mask_file, directory.path() + "/masks/fisheye.png");
+  const Result<Rig> again = ParseRig(FormatRig(*rig), "again.yaml");
+  ASSERT_TRUE(again.ok()) << again.status().message();
+  EXPECT_EQ(again->cameras[1].mask_file, rig->cameras[1].mask_file);
+  EXPECT_EQ(again->cameras[1].rolling_shutter_line_time_s, 2e-5);
+}
+
+TEST(RigYaml, LineTimesOutOfTheirBoundAreNamed) {
+  EXPECT_NE(ErrorAfter("rolling_shutter_line_time_s: 0.00002", "rolling_shutter_line_time_s: 0.5")
+                .find("cameras.fisheye.rolling_shutter_line_time_s"),
+            std::string::npos);
 }
 
 TEST(RigYaml, WritesWhatItReadsBackExactly) {

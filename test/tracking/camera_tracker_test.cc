@@ -231,6 +231,68 @@ TEST(CameraTracker, FollowsDarkImages) {
   EXPECT_LT(Quantile(TrueErrorsPx(*Pinhole(), segment.tracks), 0.5), 0.12);
 }
 
+TEST(CameraTracker, SaysWhenItIsTooDark) {
+  CameraTracker tracker("cam_rear", Pinhole(), SmallOptions());
+  for (int i = 0; i < 6; ++i) {
+    cv::Mat dark;
+    StreetImages(Pinhole())[i].convertTo(dark, CV_8UC1, 0.04);
+    ASSERT_TRUE(tracker.AddImage({Stamp(i), dark}).ok());
+  }
+  const CameraSegment segment = tracker.Segment();
+  ASSERT_FALSE(segment.warnings.empty());
+  EXPECT_EQ(segment.warnings.back().find("cam_rear: too dark: mean grey value"), 0U);
+}
+
+TEST(CameraTracker, LeavesOutWhatTheUserMasks) {
+  constexpr int kSeenFromPx = 200;
+  cv::Mat mask(300, 400, CV_8UC1, cv::Scalar(255));
+  mask.colRange(0, kSeenFromPx).setTo(0);
+  CameraTracker tracker("cam", Pinhole(), SmallOptions(), mask);
+  mask.setTo(0);  // the tracker must not depend on the caller's
+  for (int i = 0; i < kNumImages; ++i) {
+    ASSERT_TRUE(tracker.AddImage({Stamp(i), StreetImages(Pinhole())[i]}).ok());
+  }
+  const CameraSegment segment = tracker.Segment();
+  EXPECT_GT(segment.tracks.size(), 80U);
+  for (const Track& track : segment.tracks) {
+    for (const TrackObservation& observation : track.observations) {
+      EXPECT_GE(observation.pixel.x(), kSeenFromPx);
+    }
+  }
+}
+
+TEST(CameraTracker, RefusesAMaskOfTheWrongSize) {
+  CameraTracker tracker("cam", Pinhole(), SmallOptions(),
+                        cv::Mat(299, 400, CV_8UC1, cv::Scalar(255)));
+  const auto frame = tracker.AddImage({Stamp(0), StreetImages(Pinhole())[0]});
+  ASSERT_FALSE(frame.ok());
+  EXPECT_NE(frame.status().message().find("mask is 400x299"), std::string::npos);
+}
+
+TEST(CameraTracker, FindsFeaturesAgainBehindWhatHidThem) {
+  CameraTracker tracker("cam", Pinhole(), SmallOptions());
+  constexpr int kHidden = 6;
+  const cv::Rect bar(120, 0, 60, 300);
+  for (int i = 0; i < kNumImages; ++i) {
+    cv::Mat image = StreetImages(Pinhole())[i].clone();
+    if (i == kHidden) image(bar).setTo(110);
+    ASSERT_TRUE(tracker.AddImage({Stamp(i), image}).ok());
+  }
+  const CameraSegment segment = tracker.Segment();
+  int num_across = 0;
+  for (const Track& track : segment.tracks) {
+    bool before = false, during = false, after = false;
+    for (const TrackObservation& observation : track.observations) {
+      before |= observation.stamp_ns < Stamp(kHidden);
+      during |= observation.stamp_ns == Stamp(kHidden);
+      after |= observation.stamp_ns > Stamp(kHidden);
+    }
+    num_across += before && after && !during ? 1 : 0;
+  }
+  EXPECT_GE(num_across, 5);
+  EXPECT_LT(Quantile(TrueErrorsPx(*Pinhole(), segment.tracks), 0.5), 0.06);
+}
+
 TEST(CameraTracker, RefusesImagesOfTheWrongSizeTypeOrTime) {
   CameraTracker tracker("cam", Pinhole(), SmallOptions());
   const cv::Mat& image = StreetImages(Pinhole())[0];

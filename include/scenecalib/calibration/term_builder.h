@@ -37,6 +37,9 @@ struct TermOptions {
   }
 };
 
+/// When an observation was made, lidar clock: with a rolling shutter its row tells.
+Timestamp StampOf(const CameraContext& context, const TrackObservation& observation);
+
 /// map_from_lidar (uncorrected) and twist at an image stamp; none outside the trajectory.
 std::optional<TransferView> ViewAt(const CameraContext& context,
                                    const TrackObservation& observation);

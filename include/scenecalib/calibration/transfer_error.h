@@ -20,6 +20,7 @@ struct CameraParameters {
   Eigen::Vector3d translation_delta_m = Eigen::Vector3d::Zero();
   Eigen::Vector3d intrinsics = Eigen::Vector3d(1.0, 0.0, 0.0);  ///< s_f, cx, cy
   double time_offset_delta_s = 0.0;
+  double rolling_shutter_line_time_s = 0.0;  ///< known, not solved for; 0: a global shutter
 
   Rigid3 LidarFromCamera() const;
   TunableIntrinsics Intrinsics() const { return {intrinsics[0], intrinsics.tail<2>()}; }

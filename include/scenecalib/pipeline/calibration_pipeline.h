@@ -32,8 +32,8 @@ struct PipelineResult {
 /// odometry being one) may be fed from different threads, with the same outcome.
 class CalibrationPipeline {
  public:
-  /// InvalidArgument for an option out of bounds, a rig without cameras, or a camera without
-  /// intrinsics.
+  /// InvalidArgument for an option out of bounds, a rig without cameras, a camera without
+  /// intrinsics, or a mask image that cannot be used.
   static Result<CalibrationPipeline> Create(const Rig& rig, const PipelineOptions& options);
   CalibrationPipeline(CalibrationPipeline&&) noexcept;
   CalibrationPipeline& operator=(CalibrationPipeline&&) noexcept;

@@ -27,8 +27,8 @@ namespace scenecalib {
 /// Callbacks only queue; one worker owns the tracker.
 class CameraTrackingNode {
  public:
-  CameraTrackingNode(const CameraConfig& camera, const TrackingOptions& options,
-                     const ros::NodeHandle& handle);
+  CameraTrackingNode(const CameraConfig& camera, const cv::Mat& mask,
+                     const TrackingOptions& options, const ros::NodeHandle& handle);
   ~CameraTrackingNode();
 
  private:
@@ -43,6 +43,7 @@ class CameraTrackingNode {
   void AddImage(const Result<GrayImage>& image);
 
   const CameraConfig camera_;
+  const cv::Mat mask_;  ///< of the user, or empty
   const TrackingOptions options_;
   std::optional<CameraTracker> tracker_;         ///< none until the intrinsics are known
   ImageConverter converter_;                     ///< touched by the worker only, as what follows

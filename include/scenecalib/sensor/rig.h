@@ -45,6 +45,11 @@ struct CameraConfig {
   double time_offset_s = 0.0;  ///< camera stamp + offset = lidar clock
   Rigid3 lidar_from_camera;
   InitialStddev initial_stddev;
+  /// Pixels that never see the scene are black (0) in this 8-bit image of the camera's size,
+  /// anything else is seen: the own vehicle, a lens's dirt. Relative to the rig file's directory.
+  std::optional<std::string> mask_file;
+  /// Rows are exposed one after the other, the top one at the image's stamp; none: all at once.
+  std::optional<double> rolling_shutter_line_time_s;
   CameraModelPtr model;  ///< null until the camera_info message gave the intrinsics
 };
 

@@ -31,12 +31,15 @@ struct CameraSegment {
 /// bound the oldest images and their observations are forgotten and counted.
 class CameraTracker {
  public:
-  CameraTracker(std::string name, CameraModelPtr model, const TrackingOptions& options);
+  /// `mask` (ReadCameraMask) is zero where nothing of the scene is seen; empty: seen everywhere.
+  CameraTracker(std::string name, CameraModelPtr model, const TrackingOptions& options,
+                const cv::Mat& mask = cv::Mat());
   ~CameraTracker();
   CameraTracker(CameraTracker&&) noexcept;
   CameraTracker& operator=(CameraTracker&&) noexcept;
 
-  /// InvalidArgument when the size is not the model's or the stamp does not increase (skipped).
+  /// InvalidArgument when the size is not the model's, the mask's size is not the images' or the
+  /// stamp does not increase (skipped).
   Result<FrameTracking> AddImage(const GrayImage& image);
 
   /// Forgets everything.

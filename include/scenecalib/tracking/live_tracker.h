@@ -38,7 +38,9 @@ struct ActiveTrack {
 /// The caller checks the images' size, type and order.
 class LiveTracker {
  public:
-  LiveTracker(CameraModelPtr model, const TrackingOptions& options);
+  /// `mask` is zero where nothing of the scene is seen; empty: seen wherever the model reaches.
+  LiveTracker(CameraModelPtr model, const TrackingOptions& options,
+              const cv::Mat& mask = cv::Mat());
 
   /// `pixels` must stay unchanged while the tracker lives.
   FrameTracking Add(const GrayImage& image);
