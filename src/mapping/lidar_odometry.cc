@@ -1,66 +1,74 @@
 #include "scenecalib/mapping/lidar_odometry.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
-#include <limits>
+#include <cstdio>
 #include <string>
-#include <unordered_set>
 #include <utility>
 
 #include "scenecalib/geometry/so3.h"
+#include "start_velocity.h"
+#include "sweep_alignment.h"
+#include "sweep_motion.h"
+#include "sweep_sampler.h"
 
 namespace scenecalib {
 namespace {
 
-constexpr double kPoseStepS = 0.01;          // of the motion within a sweep
-constexpr double kBootstrapResidualM = 2.0;  // the first motion is not known at all
-constexpr double kInlierResidualM = 0.15;
+constexpr double kBootstrapKernelM = 0.7;  // the first motion is not known at all
+constexpr double kLeverM = 10.0;           // typical distance of a point: makes rotations lengths
 
-/// Information of the prediction: matters only where the scene leaves a direction open.
-constexpr double kPredictionSigmaM = 0.5;
-constexpr double kPredictionSigmaRad = 0.05;
-
-/// Keeps the first point of each voxel, in the order given.
-std::vector<Eigen::Vector3d> DownSample(const std::vector<Eigen::Vector3d>& points,
-                                        double voxel_size_m) {
-  std::unordered_set<std::uint64_t> seen;
-  seen.reserve(points.size());
-  std::vector<Eigen::Vector3d> kept;
-  for (const Eigen::Vector3d& point : points) {
-    if (seen.insert(VoxelKey::Of(point, voxel_size_m)).second) kept.push_back(point);
-  }
-  return kept;
+SweepSampling Sampling(const OdometryOptions& options) {
+  return {options.min_range_m, options.max_range_m, options.map_voxel_size_m,
+          options.source_voxel_size_m};
 }
 
-/// Moves a point by the motion at its time, linear between the steps of the motion.
-Eigen::Vector3d Deskewed(const std::vector<Rigid3>& mid_from_lidar, double step_s,
-                         const Eigen::Vector3d& point, double seconds_from_first) {
-  if (mid_from_lidar.size() == 1) return point;
-  const double position = seconds_from_first / step_s;
-  const auto before =
-      std::min(static_cast<std::size_t>(std::max(position, 0.0)), mid_from_lidar.size() - 2);
-  const double fraction = position - static_cast<double>(before);
-  return (1.0 - fraction) * (mid_from_lidar[before] * point) +
-         fraction * (mid_from_lidar[before + 1] * point);
+AlignmentOptions Alignment(const OdometryOptions& options, double first_kernel_m) {
+  AlignmentOptions alignment;
+  alignment.max_iterations = options.max_iterations;
+  alignment.finest_voxel_size_m = options.finest_voxel_size_m;
+  alignment.first_kernel_m = first_kernel_m;
+  return alignment;
+}
+
+std::string Name(Timestamp stamp_ns) { return "lidar scan " + std::to_string(stamp_ns) + " ns"; }
+
+/// Constant velocity between two poses.
+LidarVelocity VelocityBetween(const Rigid3& from, const Rigid3& to, double seconds) {
+  const Rigid3 step = from.Inverse() * to;
+  const Eigen::Vector3d turn = LogSo3(step.rotation);
+  return {ExpSo3(-0.5 * turn) * step.translation / seconds, turn / seconds};
+}
+
+/// Of the points that were to be registered.
+double InlierShare(const AlignedSweep& aligned, std::size_t num_source) {
+  return aligned.num_inliers / std::max(static_cast<double>(num_source), 1.0);
+}
+
+std::string Seconds(double seconds) {
+  char text[32];
+  std::snprintf(text, sizeof(text), "%.2f s", seconds);
+  return text;
 }
 
 }  // namespace
 
 /// A scan on its way through the registration.
 struct LidarOdometry::Sweep {
-  Timestamp stamp_ns = 0;
-  Timestamp first_ns = 0;
-  Timestamp last_ns = 0;
-  Timestamp mid_ns = 0;
-  std::vector<Eigen::Vector3d> raw;        ///< within range, each at its own time
-  std::vector<double> seconds_from_first;  ///< of each raw point
-  double step_s = kPoseStepS;              ///< between entries of mid_from_lidar
-  std::vector<Rigid3> mid_from_lidar;      ///< lidar(mid) <- lidar(first + i step)
-  std::vector<Eigen::Vector3d> deskewed;   ///< raw points in lidar(mid)
-  std::vector<Eigen::Vector3d> source;     ///< the ones that are registered
-  bool used_gyroscope = false;
-  bool used_odometry = false;
+  Sweep(SweepSamples samples_in, const MotionPrior& prior)
+      : samples(std::move(samples_in)), motion(samples, prior) {
+    source.reserve(samples.sparse.size());
+    for (const std::uint32_t i : samples.sparse) source.push_back(samples.points[i]);
+  }
+  SweepSamples samples;
+  std::vector<SweepPoint> source;  ///< the points that are registered
+  SweepMotion motion;
+};
+
+struct LidarOdometry::Placement {
+  AlignedSweep aligned;
+  LidarVelocity velocity;
+  bool lost = false;
 };
 
 LidarOdometry::LidarOdometry(const OdometryOptions& options)
@@ -68,293 +76,227 @@ LidarOdometry::LidarOdometry(const OdometryOptions& options)
 
 void LidarOdometry::Reset() { *this = LidarOdometry(options_); }
 
-LidarOdometry::Sweep LidarOdometry::Prepare(const LidarScan& scan) const {
-  Sweep sweep;
-  sweep.stamp_ns = scan.stamp_ns;
-  float first_s = std::numeric_limits<float>::max();
-  float last_s = std::numeric_limits<float>::lowest();
-  for (const LidarPoint& point : scan.points) {
-    first_s = std::min(first_s, point.time_offset_s);
-    last_s = std::max(last_s, point.time_offset_s);
+Status LidarOdometry::CheckStamp(Timestamp stamp_ns) {
+  if (last_stamp_ns_ == 0) return Status::Ok();
+  const Timestamp refused_ns = std::exchange(refused_stamp_ns_, 0);
+  if (stamp_ns <= last_stamp_ns_) {
+    return Status::InvalidArgument(Name(stamp_ns) + " is not later than the one before it (" +
+                                   std::to_string(last_stamp_ns_) + " ns)");
   }
-  if (scan.points.empty()) first_s = last_s = 0.0F;
-  sweep.first_ns = AddSeconds(scan.stamp_ns, first_s);
-  sweep.last_ns = AddSeconds(scan.stamp_ns, last_s);
-  sweep.mid_ns = sweep.first_ns + (sweep.last_ns - sweep.first_ns) / 2;
-  sweep.raw.reserve(scan.points.size());
-  sweep.seconds_from_first.reserve(scan.points.size());
-  for (const LidarPoint& point : scan.points) {
-    const Eigen::Vector3d position = point.position_in_lidar_m.cast<double>();
-    const double range_m = position.norm();
-    // The negated form also drops a range that is not a number.
-    if (!(range_m >= options_.min_range_m && range_m <= options_.max_range_m)) continue;
-    sweep.raw.push_back(position);
-    sweep.seconds_from_first.push_back(point.time_offset_s - first_s);
+  const double step_s = SecondsBetween(last_stamp_ns_, stamp_ns);
+  const double max_step_s = std::max(options_.max_stamp_step_s, 5.0 * last_step_s_);
+  if (step_s <= max_step_s) {
+    last_step_s_ = step_s;
+    return Status::Ok();
   }
-  return sweep;
+  // A real pause goes on from the refused scan, a stray stamp does not.
+  const bool confirmed = refused_ns != 0 && stamp_ns > refused_ns &&
+                         SecondsBetween(refused_ns, stamp_ns) <=
+                             std::max(max_step_s, SecondsBetween(last_stamp_ns_, refused_ns));
+  if (confirmed) {
+    last_step_s_ = SecondsBetween(refused_ns, stamp_ns);
+    return Status::Ok();
+  }
+  refused_stamp_ns_ = stamp_ns;
+  return Status::InvalidArgument(Name(stamp_ns) + " is stamped " + Seconds(step_s) +
+                                 " after the one before it: left out unless the next scans go on "
+                                 "from there (check the lidar's clock)");
 }
 
-void LidarOdometry::Deskew(const MotionPrior& prior, Sweep* sweep) const {
-  const double duration_s = SecondsBetween(sweep->first_ns, sweep->last_ns);
-  const int num_steps = std::max(static_cast<int>(std::ceil(duration_s / kPoseStepS)), 1);
-  sweep->step_s = duration_s / num_steps;
-  sweep->used_gyroscope = sweep->used_odometry = true;
-  sweep->mid_from_lidar.clear();
-  for (int i = 0; i <= (duration_s > 0.0 ? num_steps : 0); ++i) {
-    const Timestamp stamp_ns = AddSeconds(sweep->first_ns, i * sweep->step_s);
-    const double seconds = SecondsBetween(sweep->mid_ns, stamp_ns);
-    Rigid3 motion(ExpSo3(angular_velocity_rad_s_ * seconds), velocity_in_lidar_m_s_ * seconds);
-    const auto odometry = prior.MotionBetween(sweep->mid_ns, stamp_ns);
-    if (odometry) motion = *odometry;
-    const auto rotation = prior.RotationBetween(sweep->mid_ns, stamp_ns);
-    if (rotation) motion.rotation = *rotation;
-    sweep->used_odometry = sweep->used_odometry && odometry.has_value();
-    sweep->used_gyroscope = sweep->used_gyroscope && rotation.has_value();
-    sweep->mid_from_lidar.push_back(motion);
-  }
-  sweep->deskewed.resize(sweep->raw.size());
-  for (std::size_t i = 0; i < sweep->raw.size(); ++i) {
-    sweep->deskewed[i] =
-        Deskewed(sweep->mid_from_lidar, sweep->step_s, sweep->raw[i], sweep->seconds_from_first[i]);
-  }
-  sweep->source = DownSample(sweep->deskewed, options_.source_voxel_size_m);
-}
-
-Rigid3 LidarOdometry::Predict(const Sweep& sweep, const MotionPrior& prior) const {
-  const double seconds = SecondsBetween(last_mid_ns_, sweep.mid_ns);
-  Rigid3 motion(ExpSo3(angular_velocity_rad_s_ * seconds), velocity_in_lidar_m_s_ * seconds);
-  const auto odometry = prior.MotionBetween(last_mid_ns_, sweep.mid_ns);
-  if (odometry) motion = *odometry;
-  const auto rotation = prior.RotationBetween(last_mid_ns_, sweep.mid_ns);
-  if (rotation) motion.rotation = *rotation;
-  return map_from_last_ * motion;
-}
-
-LidarOdometry::Alignment LidarOdometry::Align(const std::vector<Eigen::Vector3d>& points_in_lidar,
-                                              const Rigid3& predicted,
-                                              double first_residual_m) const {
-  using Matrix6d = Eigen::Matrix<double, 6, 6>;
-  using Vector6d = Eigen::Matrix<double, 6, 1>;
-  Alignment result;
-  result.map_from_lidar = predicted;
-  double kernel_m = first_residual_m / 3.0;
-  const double last_kernel_m = std::min(kInlierResidualM / 3.0, kernel_m);
-  for (; result.iterations < options_.max_iterations; ++result.iterations) {
-    // While the pose is off by more than a fine voxel only the coarse planes mean anything.
-    const int first_level = kernel_m > 0.5 * options_.finest_voxel_size_m ? 2 : 0;
-    Rigid3& pose = result.map_from_lidar;
-    Matrix6d hessian = Matrix6d::Zero();
-    Vector6d gradient = Vector6d::Zero();
-    double sum_squares = 0.0;
-    result.num_matched = result.num_inliers = 0;
-    for (const Eigen::Vector3d& point : points_in_lidar) {
-      const Eigen::Vector3d arm = pose.rotation * point;
-      PlaneMatch match;
-      if (!map_.Match(arm + pose.translation, first_level, &match)) continue;
-      if (std::abs(match.distance_m) > 6.0 * kernel_m) continue;
-      ++result.num_matched;
-      if (std::abs(match.distance_m) < kInlierResidualM) {
-        ++result.num_inliers;
-        sum_squares += match.distance_m * match.distance_m;
-      }
-      // Geman-McClure on the distance, and less weight for thick planes.
-      const double ratio = match.distance_m / kernel_m;
-      const double robust = 1.0 / ((1.0 + ratio * ratio) * (1.0 + ratio * ratio));
-      const double weight = robust / (0.02 * 0.02 + match.sigma_m * match.sigma_m);
-      Vector6d jacobian;
-      jacobian << match.normal, arm.cross(match.normal);
-      hessian.selfadjointView<Eigen::Lower>().rankUpdate(jacobian, weight);
-      gradient += weight * match.distance_m * jacobian;
+void LidarOdometry::StartMap(const Sweep& sweep) {
+  if (last_stamp_ns_ == 0) {
+    std::vector<Eigen::Vector3d> points;
+    points.reserve(sweep.samples.points.size());
+    for (const SweepPoint& point : sweep.samples.points) {
+      points.push_back(sweep.motion.Deskew(point));
     }
-    result.rms_m = std::sqrt(sum_squares / std::max(result.num_inliers, 1));
-    Vector6d prior_information;
-    prior_information << Eigen::Vector3d::Constant(1.0 / (kPredictionSigmaM * kPredictionSigmaM)),
-        Eigen::Vector3d::Constant(1.0 / (kPredictionSigmaRad * kPredictionSigmaRad));
-    Vector6d deviation;
-    deviation << pose.translation - predicted.translation,
-        LogSo3(pose.rotation * predicted.rotation.conjugate());
-    hessian.diagonal() += prior_information;
-    gradient += prior_information.cwiseProduct(deviation);
-    const Vector6d step = -hessian.selfadjointView<Eigen::Lower>().ldlt().solve(gradient);
-    // Rigid3's constructor normalises: products of many small steps stay rotations.
-    pose = Rigid3(ExpSo3(step.tail<3>()) * pose.rotation, pose.translation + step.head<3>());
-    const bool small = step.head<3>().norm() < 5e-4 && step.tail<3>().norm() < 3e-5;
-    if (small && kernel_m <= last_kernel_m) {
-      result.converged = true;
-      break;
-    }
-    kernel_m = std::max(0.7 * kernel_m, last_kernel_m);
+    map_from_last_ = Rigid3(
+        Eigen::Quaterniond::FromTwoVectors(EstimateUpFromGround(points), Eigen::Vector3d::UnitZ()),
+        Eigen::Vector3d::Zero());
   }
-  return result;
+  InsertIntoMap(sweep, map_from_last_);
 }
 
-bool LidarOdometry::IsLost(const Alignment& alignment, std::size_t num_source) const {
-  const double num_matched = std::max(alignment.num_matched, 1);
-  return alignment.num_inliers < options_.min_points / 4 ||
-         alignment.num_inliers < options_.min_inlier_ratio * num_matched ||
-         alignment.num_inliers < 0.15 * static_cast<double>(num_source);
+LastSweep LidarOdometry::Last() const {
+  return {map_from_last_, {velocity_in_lidar_m_s_, angular_velocity_rad_s_}, true, last_mid_ns_};
 }
 
-void LidarOdometry::UpdateVelocity(const Rigid3& map_from_lidar, Timestamp mid_ns) {
-  const double seconds = SecondsBetween(last_mid_ns_, mid_ns);
-  const Eigen::Quaterniond rotation = map_from_last_.rotation.conjugate() * map_from_lidar.rotation;
-  angular_velocity_rad_s_ = LogSo3(rotation) / seconds;
-  velocity_in_lidar_m_s_ = map_from_lidar.rotation.conjugate() *
-                           (map_from_lidar.translation - map_from_last_.translation) / seconds;
+bool LidarOdometry::IsLost(const Placement& placement, const Sweep& sweep) const {
+  // A place that merely looks alike takes half as many points as the scans before, and about as
+  // large a share of those that it matches at all.
+  constexpr double kMinInlierShare = 0.15;
+  constexpr double kMinShareOfRecent = 0.55;
+  const AlignedSweep& aligned = placement.aligned;
+  const double share = InlierShare(aligned, sweep.source.size());
+  return aligned.num_inliers < options_.min_points / 4 ||
+         aligned.num_inliers < options_.min_inlier_ratio * std::max(aligned.num_matched, 1) ||
+         share < std::max(kMinInlierShare, kMinShareOfRecent * recent_inlier_share_);
 }
 
-LidarOdometry::Alignment LidarOdometry::AlignWithVelocity(const MotionPrior& prior, Sweep* sweep) {
-  constexpr int kMaxPasses = 3;
-  constexpr double kStillM = 0.003;  // a change of the deskewing that does not matter any more
-  Alignment alignment;
-  Rigid3 predicted = Predict(*sweep, prior);
-  double residual_m = options_.max_residual_m;
-  for (int pass = 0; pass < kMaxPasses; ++pass) {
-    const Eigen::Vector3d velocity = velocity_in_lidar_m_s_;
-    alignment = Align(sweep->source, predicted, residual_m);
-    if (sweep->used_odometry || IsLost(alignment, sweep->source.size())) break;
-    UpdateVelocity(alignment.map_from_lidar, sweep->mid_ns);
-    const double half_sweep_s = SecondsBetween(sweep->mid_ns, sweep->last_ns);
-    if ((velocity_in_lidar_m_s_ - velocity).norm() * half_sweep_s < kStillM) break;
-    Deskew(prior, sweep);
-    predicted = alignment.map_from_lidar;
-    residual_m = 0.5 * options_.max_residual_m;
+LidarOdometry::Placement LidarOdometry::Track(const MotionPrior& prior, Sweep* sweep) {
+  const MotionExpectation expectation(Last(), sweep->samples, sweep->motion, prior);
+  const Rigid3 predicted = expectation.PredictedPose();
+  const double wide_kernel_m = options_.max_residual_m / 3.0;
+  Placement placement;
+  // Mostly the prediction is good to centimetres, and a narrow kernel needs fewer iterations.
+  for (const double kernel_m : {std::min(expected_deviation_m_, wide_kernel_m), wide_kernel_m}) {
+    sweep->motion.SetCorrection(expectation.PredictedCorrection());
+    placement.aligned = AlignSweep(map_, sweep->source, expectation, predicted,
+                                   Alignment(options_, kernel_m), &sweep->motion);
+    if (!IsLost(placement, *sweep) || kernel_m == wide_kernel_m) break;
   }
-  return alignment;
+  const Rigid3& pose = placement.aligned.map_from_lidar;
+  placement.velocity = sweep->motion.has_duration()
+                           ? sweep->motion.VelocityAtMid()
+                           : VelocityBetween(map_from_last_, pose,
+                                             SecondsBetween(last_mid_ns_, sweep->samples.mid_ns));
+  const double deviation_m = (pose.translation - predicted.translation).norm() +
+                             kLeverM * RotationAngle(predicted.rotation, pose.rotation);
+  expected_deviation_m_ = std::max(deviation_m, 0.8 * expected_deviation_m_);
+  return placement;
 }
 
-LidarOdometry::Alignment LidarOdometry::Bootstrap(const MotionPrior& prior, Sweep* sweep) {
-  // The first scan was deskewed without knowing the velocity, so the map is as wrong as the second
+LidarOdometry::Placement LidarOdometry::Bootstrap(const MotionPrior& prior, Sweep* sweep) {
+  // The first scan was placed without knowing the velocity, so the map is as wrong as the second
   // scan: both are deskewed anew with the velocity found between them until it stands still.
   constexpr int kPasses = 5;
-  Alignment alignment;
-  Rigid3 predicted = Predict(*sweep, prior);
-  double residual_m = kBootstrapResidualM;
+  const double seconds = SecondsBetween(last_mid_ns_, sweep->samples.mid_ns);
+  Placement placement;
+  Rigid3 start;
+  AlignmentOptions alignment = Alignment(options_, kBootstrapKernelM);
+  alignment.estimate_motion = false;
+  if (!first_sweep_->motion.used_odometry()) {
+    const Sweep& first = *first_sweep_;
+    const StartVelocity found = SearchStartVelocity({first.samples, first.source, first.motion},
+                                                    {sweep->samples, sweep->source, sweep->motion},
+                                                    Last(), prior, alignment);
+    placement.velocity = found.velocity;
+    open_direction_in_map_ = found.open_direction_in_map;
+  }
   for (int pass = 0; pass < kPasses; ++pass) {
-    alignment = Align(sweep->source, predicted, residual_m);
-    if (first_sweep_->used_odometry || IsLost(alignment, sweep->source.size())) break;
-    if (pass + 1 == kPasses) break;
-    UpdateVelocity(alignment.map_from_lidar, sweep->mid_ns);
-    Deskew(prior, first_sweep_.get());
-    Deskew(prior, sweep);
+    const MotionExpectation expectation({map_from_last_, placement.velocity, false, last_mid_ns_},
+                                        sweep->samples, sweep->motion, prior);
+    if (pass == 0) start = expectation.PredictedPose();
+    first_sweep_->motion.SetCorrection(expectation.PredictedCorrection());
+    sweep->motion.SetCorrection(expectation.PredictedCorrection());
     map_.Clear();
     InsertIntoMap(*first_sweep_, map_from_last_);
-    predicted = alignment.map_from_lidar;
-    residual_m = options_.max_residual_m;
+    placement.aligned =
+        AlignSweep(map_, sweep->source, expectation, start, alignment, &sweep->motion);
+    if (first_sweep_->motion.used_odometry() || IsLost(placement, *sweep)) break;
+    start = placement.aligned.map_from_lidar;
+    placement.velocity = VelocityBetween(map_from_last_, start, seconds);
+    alignment.first_kernel_m = options_.max_residual_m / 3.0;
   }
-  return alignment;
+  if (first_sweep_->motion.used_odometry()) placement.velocity = sweep->motion.VelocityAtMid();
+  return placement;
 }
 
 void LidarOdometry::InsertIntoMap(const Sweep& sweep, const Rigid3& map_from_lidar) {
-  std::vector<Eigen::Vector3d> points = DownSample(sweep.deskewed, options_.map_voxel_size_m);
-  for (Eigen::Vector3d& point : points) point = map_from_lidar * point;
+  std::vector<Eigen::Vector3d> points(sweep.samples.points.size());
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    points[i] = map_from_lidar * sweep.motion.Deskew(sweep.samples.points[i]);
+  }
   map_.Insert(points);
   map_.ForgetBeyond(map_from_lidar.translation, options_.max_range_m);
 }
 
-SweepRegistration LidarOdometry::Finish(const Sweep& sweep, const Alignment& alignment) const {
-  SweepRegistration registration;
-  registration.stamp_ns = sweep.stamp_ns;
-  registration.first_point_ns = sweep.first_ns;
-  registration.last_point_ns = sweep.last_ns;
-  registration.map_from_lidar = alignment.map_from_lidar;
-  for (std::size_t i = 0; i < sweep.mid_from_lidar.size(); ++i) {
-    registration.poses.push_back({AddSeconds(sweep.first_ns, static_cast<double>(i) * sweep.step_s),
-                                  alignment.map_from_lidar * sweep.mid_from_lidar[i]});
+void LidarOdometry::StartAnew() {
+  map_.Clear();
+  ++stretch_;
+  num_registered_ = num_lost_in_a_row_ = 0;
+  open_direction_in_map_.reset();
+  recent_inlier_share_ = 0.0;
+  velocity_in_lidar_m_s_.setZero();
+  angular_velocity_rad_s_.setZero();
+}
+
+LidarOdometry::Placement LidarOdometry::Place(const MotionPrior& prior, Sweep* sweep) {
+  if (num_registered_ == 0) {
+    StartMap(*sweep);
+    Placement placement;
+    placement.aligned.map_from_lidar = map_from_last_;
+    return placement;
   }
-  registration.converged = alignment.converged;
-  registration.iterations = alignment.iterations;
-  registration.num_inliers = alignment.num_inliers;
-  registration.rms_m = alignment.rms_m;
-  registration.stretch = stretch_;
-  registration.used_gyroscope = sweep.used_gyroscope;
-  registration.used_odometry = sweep.used_odometry;
-  return registration;
+  Placement placement = num_registered_ == 1 ? Bootstrap(prior, sweep) : Track(prior, sweep);
+  placement.lost = IsLost(placement, *sweep);
+  if (placement.lost) {
+    const MotionExpectation expectation(Last(), sweep->samples, sweep->motion, prior);
+    sweep->motion.SetCorrection(expectation.PredictedCorrection());
+    placement.aligned.map_from_lidar = expectation.PredictedPose();
+    placement.velocity = Last().velocity;
+  } else {
+    const double share = InlierShare(placement.aligned, sweep->source.size());
+    recent_inlier_share_ =
+        recent_inlier_share_ > 0.0 ? 0.8 * recent_inlier_share_ + 0.2 * share : share;
+    InsertIntoMap(*sweep, placement.aligned.map_from_lidar);
+  }
+  return placement;
 }
 
 Result<SweepRegistration> LidarOdometry::Register(const LidarScan& scan, const MotionPrior& prior) {
-  Sweep sweep = Prepare(scan);
-  if (last_stamp_ns_ != 0 && (scan.stamp_ns <= last_stamp_ns_ || sweep.mid_ns <= last_mid_ns_)) {
-    return Status::InvalidArgument("lidar scan " + std::to_string(scan.stamp_ns) +
-                                   " ns is not later than the one before it (" +
-                                   std::to_string(last_stamp_ns_) + " ns)");
-  }
-  if (sweep.raw.size() < static_cast<std::size_t>(options_.min_points)) {
-    return Status::InvalidArgument("lidar scan " + std::to_string(scan.stamp_ns) + " ns has only " +
-                                   std::to_string(sweep.raw.size()) + " points within range, " +
+  SCENECALIB_RETURN_IF_ERROR(CheckStamp(scan.stamp_ns));
+  SweepSamples samples = SampleSweep(scan, Sampling(options_));
+  if (samples.num_in_range < options_.min_points) {
+    return Status::InvalidArgument(Name(scan.stamp_ns) + " has only " +
+                                   std::to_string(samples.num_in_range) + " points within range, " +
                                    std::to_string(options_.min_points) + " are needed");
   }
-  Deskew(prior, &sweep);
-  Alignment alignment;
-  if (map_.empty()) {
-    if (last_stamp_ns_ == 0) {
-      const Eigen::Vector3d up = EstimateUpFromGround(sweep.deskewed);
-      map_from_last_ = Rigid3(Eigen::Quaterniond::FromTwoVectors(up, Eigen::Vector3d::UnitZ()),
-                              Eigen::Vector3d::Zero());
-    }
-    alignment.map_from_lidar = map_from_last_;
-    alignment.converged = true;
-    first_sweep_ = std::make_shared<Sweep>(sweep);
-    InsertIntoMap(sweep, alignment.map_from_lidar);
-  } else {
-    alignment = num_registered_ == 1 ? Bootstrap(prior, &sweep) : AlignWithVelocity(prior, &sweep);
-    if (IsLost(alignment, sweep.source.size())) {
-      alignment.converged = false;
-      alignment.map_from_lidar = Predict(sweep, prior);
-      ++num_lost_in_a_row_;
-    } else {
-      alignment.converged = true;
-      num_lost_in_a_row_ = 0;
-      UpdateVelocity(alignment.map_from_lidar, sweep.mid_ns);
-      InsertIntoMap(sweep, alignment.map_from_lidar);
-      first_sweep_.reset();
-    }
+  if (last_stamp_ns_ != 0 && samples.mid_ns <= last_mid_ns_) {
+    return Status::InvalidArgument(Name(scan.stamp_ns) +
+                                   " has points no later than those of the one before it");
   }
-  SweepRegistration registration = Finish(sweep, alignment);
-  map_from_last_ = alignment.map_from_lidar;
-  last_stamp_ns_ = sweep.stamp_ns;
-  last_mid_ns_ = sweep.mid_ns;
-  num_registered_ += alignment.converged ? 1 : 0;
-  if (num_lost_in_a_row_ >= options_.max_lost_scans) {
-    map_.Clear();
-    ++stretch_;
-    num_registered_ = num_lost_in_a_row_ = 0;
-    velocity_in_lidar_m_s_.setZero();
-    angular_velocity_rad_s_.setZero();
+  if (num_registered_ > 0 && SecondsBetween(last_stamp_ns_, scan.stamp_ns) > options_.max_gap_s) {
+    StartAnew();
   }
+  const auto sweep = std::make_shared<Sweep>(std::move(samples), prior);
+  const Placement placement = Place(prior, sweep.get());
+  ForgetOpenDirection(placement);
+  const SweepRegistration registration = Describe(*sweep, placement);
+  first_sweep_ = num_registered_ == 0 ? sweep : placement.lost ? first_sweep_ : nullptr;
+  map_from_last_ = placement.aligned.map_from_lidar;
+  velocity_in_lidar_m_s_ = placement.velocity.linear_m_s;
+  angular_velocity_rad_s_ = placement.velocity.angular_rad_s;
+  last_stamp_ns_ = sweep->samples.stamp_ns;
+  last_mid_ns_ = sweep->samples.mid_ns;
+  num_registered_ += placement.lost ? 0 : 1;
+  num_lost_in_a_row_ = placement.lost ? num_lost_in_a_row_ + 1 : 0;
+  if (num_lost_in_a_row_ >= options_.max_lost_scans) StartAnew();
   return registration;
 }
 
-Eigen::Vector3d EstimateUpFromGround(const std::vector<Eigen::Vector3d>& points_in_lidar) {
-  constexpr double kMaxRangeM = 20.0;
-  constexpr double kMaxTiltRad = 0.35;
-  std::vector<Eigen::Vector3d> near;
-  std::vector<double> heights;
-  for (const Eigen::Vector3d& point : points_in_lidar) {
-    if (point.head<2>().norm() > kMaxRangeM || point.z() > 0.0) continue;
-    near.push_back(point);
-    heights.push_back(point.z());
+void LidarOdometry::ForgetOpenDirection(const Placement& placement) {
+  // Seen from the same place again and again even a smooth tunnel seems to hold its direction (a
+  // share of 0.02, from corners that few rays hit); a scene that does gives 0.1.
+  constexpr double kClearlyHeld = 0.05;
+  if (!open_direction_in_map_ || placement.lost || num_registered_ < 2) return;
+  const Eigen::Vector3d& d = *open_direction_in_map_;
+  if (d.dot(placement.aligned.translation_shares * d) > kClearlyHeld) {
+    open_direction_in_map_.reset();
   }
-  if (near.size() < 100) return Eigen::Vector3d::UnitZ();
-  // The ground is the lowest large thing below the sensor: start from the median of what lies
-  // below it and keep what is close to the plane, closer in every round.
-  const auto low = heights.begin() + static_cast<std::ptrdiff_t>(heights.size() / 4);
-  std::nth_element(heights.begin(), low, heights.end());
-  Eigen::Vector3d plane(0.0, 0.0, *low);  // z = a x + b y + c
-  for (const double gate_m : {1.0, 0.6, 0.4, 0.3, 0.2, 0.15, 0.15}) {
-    Eigen::Matrix3d normal_matrix = 1e-6 * Eigen::Matrix3d::Identity();
-    Eigen::Vector3d right = Eigen::Vector3d::Zero();
-    for (const Eigen::Vector3d& point : near) {
-      const Eigen::Vector3d row(point.x(), point.y(), 1.0);
-      if (std::abs(row.dot(plane) - point.z()) > gate_m) continue;
-      normal_matrix += row * row.transpose();
-      right += row * point.z();
-    }
-    if (normal_matrix(2, 2) < 50.0) return Eigen::Vector3d::UnitZ();
-    plane = normal_matrix.ldlt().solve(right);
+}
+
+SweepRegistration LidarOdometry::Describe(const Sweep& sweep, const Placement& placement) const {
+  const AlignedSweep& aligned = placement.aligned;
+  SweepRegistration registration;
+  registration.stamp_ns = sweep.samples.stamp_ns;
+  registration.first_point_ns = sweep.samples.first_ns;
+  registration.last_point_ns = sweep.samples.last_ns;
+  registration.map_from_lidar = aligned.map_from_lidar;
+  registration.poses = sweep.motion.Poses(aligned.map_from_lidar);
+  registration.converged = !placement.lost;
+  registration.iterations = aligned.iterations;
+  registration.num_inliers = aligned.num_inliers;
+  registration.rms_m = aligned.rms_m;
+  registration.stretch = stretch_;
+  registration.used_gyroscope = sweep.motion.used_gyroscope();
+  registration.used_odometry = sweep.motion.used_odometry();
+  registration.degenerate_directions_in_map = aligned.weak_translations_in_map;
+  if (open_direction_in_map_ && registration.degenerate_directions_in_map.empty()) {
+    registration.degenerate_directions_in_map.push_back(*open_direction_in_map_);
   }
-  const Eigen::Vector3d up = Eigen::Vector3d(-plane.x(), -plane.y(), 1.0).normalized();
-  return std::acos(std::min(up.z(), 1.0)) < kMaxTiltRad ? up : Eigen::Vector3d::UnitZ();
+  registration.degenerate_axes_in_map = aligned.weak_rotations_in_map;
+  return registration;
 }
 
 }  // namespace scenecalib

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "scenecalib/base/options.h"
@@ -11,6 +12,8 @@
 #include "scenecalib/sensor/measurements.h"
 
 namespace scenecalib {
+
+struct LastSweep;
 
 /// Scan-to-map registration.
 struct OdometryOptions {
@@ -24,6 +27,8 @@ struct OdometryOptions {
   double max_residual_m = 0.6;
   double min_inlier_ratio = 0.4;
   int max_lost_scans = 5;
+  double max_stamp_step_s = 0.5;
+  double max_gap_s = 5.0;
   void Visit(OptionVisitor& v) {
     v.Field("min_range_m", &min_range_m, {0.0, 20.0},
             "closer returns are the vehicle itself and are dropped");
@@ -42,6 +47,11 @@ struct OdometryOptions {
             "share of matched points that must fit, or else tracking is lost");
     v.Field("max_lost_scans", &max_lost_scans, {1, 1000},
             "after so many lost scans in a row the local map is started anew");
+    v.Field("max_stamp_step_s", &max_stamp_step_s, {0.01, 100.0},
+            "a stamp farther ahead of the one before it (and farther than five scan periods) is "
+            "refused unless the next scan's stamp follows it");
+    v.Field("max_gap_s", &max_gap_s, {0.1, 1000.0},
+            "after a longer pause between two scans the local map is started anew");
   }
 };
 
@@ -60,46 +70,45 @@ struct SweepRegistration {
   int stretch = 0;     ///< counts restarts of the local map; poses are comparable within one
   bool used_gyroscope = false;
   bool used_odometry = false;
+  /// Unit vectors along which the scene fixes no translation (a tunnel, an open field), and about
+  /// which it fixes no rotation: there the pose follows odometry, gyroscope or constant velocity.
+  std::vector<Eigen::Vector3d> degenerate_directions_in_map;
+  std::vector<Eigen::Vector3d> degenerate_axes_in_map;
 
   Timestamp mid_ns() const { return first_point_ns + (last_point_ns - first_point_ns) / 2; }
 };
 
-/// Lidar odometry: deskew to the middle of the sweep, point-to-plane Gauss-Newton against a voxel
-/// map of planes, with rotation predicted by the gyroscope, translation by the odometry, and each
-/// by constant velocity (re-estimated from the registration itself) where there is none.
-/// Differs from the paper, which uses plain ICP: deskewing to the sweep's middle rather than to its
-/// end took the trajectory error from 5 cm to 0.3 cm on a synthetic street.
+/// Lidar odometry: point-to-plane Gauss-Newton of a sweep against a voxel map of planes, for the
+/// pose in the middle of the sweep and the velocity during it together. Gyroscope and odometry
+/// shape the motion where they are present; without them acceleration is white noise. Differs from
+/// the paper, which uses plain ICP: deskewing to the sweep's middle rather than to its end took the
+/// trajectory error from 5 cm to 0.3 cm on a synthetic street, and estimating the velocity from the
+/// sweep itself lets it follow the suspension.
 class LidarOdometry {
  public:
   explicit LidarOdometry(const OdometryOptions& options);
 
-  /// InvalidArgument for a stamp that does not increase or too few points within range.
+  /// InvalidArgument for too few points within range, for a stamp that does not increase, and for
+  /// one that jumps ahead unless the scan before did so too and this one follows it.
   Result<SweepRegistration> Register(const LidarScan& scan, const MotionPrior& prior);
 
   void Reset();
 
  private:
-  struct Alignment {
-    Rigid3 map_from_lidar;
-    bool converged = false;
-    int iterations = 0;
-    int num_matched = 0;
-    int num_inliers = 0;
-    double rms_m = 0.0;
-  };
   struct Sweep;
+  struct Placement;
 
-  Sweep Prepare(const LidarScan& scan) const;
-  void Deskew(const MotionPrior& prior, Sweep* sweep) const;
-  Rigid3 Predict(const Sweep& sweep, const MotionPrior& prior) const;
-  Alignment Align(const std::vector<Eigen::Vector3d>& points_in_lidar, const Rigid3& predicted,
-                  double first_residual_m) const;
-  Alignment AlignWithVelocity(const MotionPrior& prior, Sweep* sweep);
-  Alignment Bootstrap(const MotionPrior& prior, Sweep* sweep);
-  bool IsLost(const Alignment& alignment, std::size_t num_source) const;
+  Status CheckStamp(Timestamp stamp_ns);
+  LastSweep Last() const;
+  Placement Place(const MotionPrior& prior, Sweep* sweep);
+  void StartMap(const Sweep& sweep);
+  Placement Track(const MotionPrior& prior, Sweep* sweep);
+  Placement Bootstrap(const MotionPrior& prior, Sweep* sweep);
+  bool IsLost(const Placement& placement, const Sweep& sweep) const;
   void InsertIntoMap(const Sweep& sweep, const Rigid3& map_from_lidar);
-  void UpdateVelocity(const Rigid3& map_from_lidar, Timestamp mid_ns);
-  SweepRegistration Finish(const Sweep& sweep, const Alignment& alignment) const;
+  void StartAnew();
+  void ForgetOpenDirection(const Placement& placement);
+  SweepRegistration Describe(const Sweep& sweep, const Placement& placement) const;
 
   OdometryOptions options_;
   VoxelPlaneMap map_;
@@ -107,14 +116,21 @@ class LidarOdometry {
   Rigid3 map_from_last_;
   Timestamp last_stamp_ns_ = 0;
   Timestamp last_mid_ns_ = 0;
+  double last_step_s_ = 0.0;        ///< between the stamps of the last two scans
+  Timestamp refused_stamp_ns_ = 0;  ///< of a scan that jumped ahead, until the next scan
   Eigen::Vector3d velocity_in_lidar_m_s_ = Eigen::Vector3d::Zero();
   Eigen::Vector3d angular_velocity_rad_s_ = Eigen::Vector3d::Zero();
-  int num_registered_ = 0;  ///< in this stretch
+  /// Along it the start of this stretch did not tell the speed, nor has any scan since.
+  std::optional<Eigen::Vector3d> open_direction_in_map_;
+  double recent_inlier_share_ = 0.0;   ///< of the registered points; 0 before the first
+  double expected_deviation_m_ = 0.0;  ///< of a pose from its prediction, from recent scans
+  int num_registered_ = 0;             ///< in this stretch
   int num_lost_in_a_row_ = 0;
   int stretch_ = 0;
 };
 
-/// Up direction in the lidar frame from the ground around the vehicle; the lidar's own z where no
+/// Up direction in the lidar frame from the ground around the vehicle, within 20 degrees of the
+/// lidar's z or, for a lidar mounted upside down, of its opposite; the lidar's own z where no
 /// ground is seen.
 Eigen::Vector3d EstimateUpFromGround(const std::vector<Eigen::Vector3d>& points_in_lidar);
 
