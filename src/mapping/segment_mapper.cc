@@ -180,6 +180,26 @@ std::string Percent(int part, int whole) {
   return text.str();
 }
 
+/// Empty when every scan was held in all directions.
+std::string DescribeOpenDirection(const BufferedScans& scans) {
+  int num_open = 0;
+  Eigen::Vector3d direction = Eigen::Vector3d::Zero();
+  for (const auto& scan : scans) {
+    const auto& open = scan->registration.degenerate_directions_in_map;
+    if (open.empty()) continue;
+    ++num_open;
+    direction = open.front();
+  }
+  if (num_open == 0) return {};
+  std::ostringstream text;
+  text.precision(2);
+  text << "lidar: in " << Percent(num_open, static_cast<int>(scans.size()))
+       << " scans the scene does not fix the motion along a direction (last: " << std::fixed
+       << direction.x() << ", " << direction.y() << ", " << direction.z()
+       << " in the map); those were placed by odometry or constant velocity";
+  return text.str();
+}
+
 }  // namespace
 
 struct SegmentMapper::Impl {
@@ -259,6 +279,7 @@ Result<ScanRegistration> SegmentMapper::AddScan(const LidarScan& scan) {
   result.iterations = registration->iterations;
   result.num_inliers = registration->num_inliers;
   result.rms_m = registration->rms_m;
+  result.degenerate_directions_in_map = registration->degenerate_directions_in_map;
   return result;
 }
 
@@ -281,7 +302,7 @@ void SegmentMapper::Impl::AddWarnings(const BufferedScans& used, MappingReport* 
   };
   if (num_scans_skipped > 0) {
     warn("lidar: " + Percent(num_scans_skipped, num_scans_in) +
-         " scans skipped (stamp not increasing, or too few points)");
+         " scans skipped (stamp not increasing or far ahead of the others, or too few points)");
   }
   if (num_scans_dropped > 0) {
     warn("lidar: the buffer was full (buffer.max_scans " +
@@ -295,6 +316,8 @@ void SegmentMapper::Impl::AddWarnings(const BufferedScans& used, MappingReport* 
     warn("lidar: tracking was lost; " + Percent(num_unused, static_cast<int>(scans.size())) +
          " scans lie outside the longest tracked stretch and are not used");
   }
+  const std::string open = DescribeOpenDirection(used);
+  if (!open.empty()) warn(open);
   if (rig.imu && count(&SweepRegistration::used_gyroscope) < num_used) {
     warn("imu: no gapless samples for " +
          Percent(num_used - count(&SweepRegistration::used_gyroscope), num_used) +

@@ -22,6 +22,8 @@ struct ScanRegistration {
   int iterations = 0;
   int num_inliers = 0;
   double rms_m = 0.0;
+  /// Unit vectors along which the scene fixes no translation (a tunnel, an open field).
+  std::vector<Eigen::Vector3d> degenerate_directions_in_map;
 };
 
 /// Evidence of a finished map.
