@@ -154,8 +154,8 @@ TEST(RemoveMovingObjects, RemovesACarAheadThatKeepsItsDistanceToTheEnd) {
 
 TEST(RemoveMovingObjects, RemovesACrossingCar) {
   Scene scene;
-  scene.car_is_across = true;
-  scene.car_at = [](double t) { return Eigen::Vector3d(41.0, -14.0 + 6.0 * t, 0.15); };
+  scene.car_is_across = true;  // between two parked cars on either side
+  scene.car_at = [](double t) { return Eigen::Vector3d(25.8, -14.0 + 6.0 * t, 0.15); };
   ExpectRemoved(scene);
 }
 
