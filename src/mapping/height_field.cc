@@ -22,8 +22,10 @@ constexpr float kStep_m = 0.008F;
 constexpr int kSolves = 3;
 constexpr float kMinConductance = 1e-3F;
 constexpr int kMaxIterations = 200;
-/// Of the first residual, in the diagonal's norm.
-constexpr double kTolerance = 1e-3;
+/// Of the first residual, in the diagonal's norm; the solves before the last only have to find the
+/// steps.
+constexpr double kRoughTolerance = 0.03;
+constexpr double kTolerance = 0.003;
 
 /// The lattice with everything that the equations are made of. Edge e of vertex v is the one
 /// towards x + 1 (c_x) or y + 1 (c_y).
@@ -50,7 +52,7 @@ class HeightSolver {
   void FillHeights();
   void SetConductances(float step_m);
   void Multiply(const std::vector<float>& x, std::vector<float>* y) const;
-  void Relax();
+  void Relax(double tolerance);
   template <typename Visit>
   void VisitEdges(const Visit& visit) const;
 
@@ -261,7 +263,7 @@ double Dot(const std::vector<float>& a, const std::vector<float>& b) {
 }
 
 /// Conjugate gradients for the correction of z_, preconditioned by the diagonal.
-void HeightSolver::Relax() {
+void HeightSolver::Relax(double tolerance) {
   std::vector<float> residual(Size(), 0.0F);
   for (std::size_t v = 0; v < Size(); ++v) {
     if (covered_[v]) residual[v] = weight_[v] * (data_[v] - z_[v]);
@@ -283,7 +285,7 @@ void HeightSolver::Relax() {
   std::vector<float> direction = scaled;
   std::vector<float> product(Size());
   double energy = Dot(residual, scaled);
-  const double goal = kTolerance * kTolerance * energy;
+  const double goal = tolerance * tolerance * energy;
   for (int i = 0; i < kMaxIterations && energy > goal; ++i) {
     Multiply(direction, &product);
     const double curvature = Dot(direction, product);
@@ -304,7 +306,7 @@ void HeightSolver::Relax() {
 void HeightSolver::Solve() {
   for (int i = 0; i < kSolves; ++i) {
     SetConductances(i == 0 ? kRoughStep_m : kStep_m);
-    Relax();
+    Relax(i + 1 < kSolves ? kRoughTolerance : kTolerance);
   }
 }
 
