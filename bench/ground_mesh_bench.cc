@@ -53,9 +53,9 @@ std::optional<double> CastRay(const Eigen::Vector3d& origin, const Eigen::Vector
   return range_m;
 }
 
-std::vector<ScenePoint> DriveAlong() {
+std::vector<LidarReturn> DriveAlong() {
   Random random(1);
-  std::vector<ScenePoint> points;
+  std::vector<LidarReturn> points;
   const int num_scans = static_cast<int>(kLength_m / 0.8);
   for (int scan = 0; scan < num_scans; ++scan) {
     for (int column = 0; column < 1024; ++column) {
@@ -69,7 +69,7 @@ std::vector<ScenePoint> DriveAlong() {
                                         std::sin(elevation));
         const auto range_m = CastRay(origin, direction);
         if (!range_m || *range_m < 3.0) continue;
-        ScenePoint point;
+        LidarReturn point;
         const double measured_m = *range_m + kNoise_m * random.Gaussian();
         point.position_m = (kMapFromStreet * (origin + measured_m * direction)).cast<float>();
         point.origin_m = (kMapFromStreet * origin).cast<float>();
@@ -122,7 +122,7 @@ double PeakMemoryMiB() {
 }
 
 void MeshAStreet(benchmark::State& state) {
-  const std::vector<ScenePoint> points = DriveAlong();
+  const std::vector<LidarReturn> points = DriveAlong();
   const std::vector<PointLabel> labels(points.size(), PointLabel::kGround);
   const double before_mib = PeakMemoryMiB();
   TriangleMesh mesh;

@@ -7,7 +7,7 @@ namespace scenecalib {
 
 std::vector<std::vector<ReturnFate>> LabelReturns(const std::vector<RegisteredScan>& scans,
                                                   const SurfaceOptions& options) {
-  const std::vector<ScenePoint> points = CollectScenePoints(scans, options.min_range_m);
+  const std::vector<LidarReturn> points = CollectReturns(scans, options.min_range_m);
   std::vector<PointLabel> labels(points.size(), PointLabel::kStructure);
   SegmentGround(points, options.ground, &labels);
   RemoveMovingObjects(points, options.moving_objects, &labels);

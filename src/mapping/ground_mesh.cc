@@ -138,7 +138,7 @@ void Append(const TriangleMesh& part, TriangleMesh* mesh) {
 
 }  // namespace
 
-TriangleMesh BuildGroundMesh(const std::vector<ScenePoint>& points,
+TriangleMesh BuildGroundMesh(const std::vector<LidarReturn>& points,
                              const std::vector<PointLabel>& labels, const GroundOptions& options) {
   const Lattice lattice(options);
   const std::map<TileIndex, Tile> tiles =

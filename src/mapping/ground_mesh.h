@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "scene_point.h"
+#include "lidar_return.h"
 #include "scenecalib/mapping/scene_map.h"
 
 namespace scenecalib {
@@ -16,7 +16,7 @@ namespace scenecalib {
 /// cell wide; in exchange a tile takes tens of milliseconds instead of hundreds, tiles run side by
 /// side (pcl::Poisson keeps global state), no surface closes itself around the data's border, and
 /// the mesh is watertight.
-TriangleMesh BuildGroundMesh(const std::vector<ScenePoint>& points,
+TriangleMesh BuildGroundMesh(const std::vector<LidarReturn>& points,
                              const std::vector<PointLabel>& labels, const GroundOptions& options);
 
 }  // namespace scenecalib

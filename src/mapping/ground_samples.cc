@@ -50,7 +50,7 @@ struct KeyedPoint {
   }
 };
 
-std::vector<KeyedPoint> SortIntoColumns(const std::vector<ScenePoint>& points,
+std::vector<KeyedPoint> SortIntoColumns(const std::vector<LidarReturn>& points,
                                         const std::vector<PointLabel>& labels,
                                         double column_size_m) {
   std::vector<KeyedPoint> sorted;
@@ -193,7 +193,7 @@ class NormalEstimator {
 
 }  // namespace
 
-std::vector<GroundSample> AverageGround(const std::vector<ScenePoint>& points,
+std::vector<GroundSample> AverageGround(const std::vector<LidarReturn>& points,
                                         const std::vector<PointLabel>& labels,
                                         double column_size_m) {
   const std::vector<KeyedPoint> sorted = SortIntoColumns(points, labels, column_size_m);

@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "scene_point.h"
+#include "lidar_return.h"
 
 namespace scenecalib {
 
@@ -18,7 +18,7 @@ struct GroundSample {
 /// Averages the ground in columns. Range noise of 2 cm is mostly along the road at a lidar's
 /// grazing angles; a column's mean height is good to millimetres. A column that holds a step (a
 /// kerb's face) is cut into slices. Ordered by column.
-std::vector<GroundSample> AverageGround(const std::vector<ScenePoint>& points,
+std::vector<GroundSample> AverageGround(const std::vector<LidarReturn>& points,
                                         const std::vector<PointLabel>& labels,
                                         double column_size_m);
 

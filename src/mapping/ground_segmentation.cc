@@ -42,12 +42,12 @@ struct Cell {
 
 class HeightGrid {
  public:
-  HeightGrid(const std::vector<ScenePoint>& points, const GroundOptions& options)
+  HeightGrid(const std::vector<LidarReturn>& points, const GroundOptions& options)
       : points_(points), options_(options) {}
 
   bool Build();
   void Grow();
-  bool IsGround(const ScenePoint& point) const;
+  bool IsGround(const LidarReturn& point) const;
 
  private:
   int CellOf(const Eigen::Vector3f& position_m) const {
@@ -55,14 +55,14 @@ class HeightGrid {
     const int y = static_cast<int>((position_m.y() - min_m_.y()) * inverse_size_);
     return y * width_ + x;
   }
-  bool InRange(const ScenePoint& point) const {
+  bool InRange(const LidarReturn& point) const {
     return (point.position_m - point.origin_m).squaredNorm() <
            options_.max_range_m * options_.max_range_m;
   }
   void Summarize(const float* heights, int count, Cell* cell) const;
   std::vector<int> Seeds() const;
 
-  const std::vector<ScenePoint>& points_;
+  const std::vector<LidarReturn>& points_;
   const GroundOptions& options_;
   Eigen::Vector2f min_m_ = Eigen::Vector2f::Zero();
   float inverse_size_ = 1.0F;
@@ -90,7 +90,7 @@ void HeightGrid::Summarize(const float* heights, int count, Cell* cell) const {
 
 bool HeightGrid::Build() {
   Eigen::AlignedBox2f box;
-  for (const ScenePoint& point : points_) {
+  for (const LidarReturn& point : points_) {
     if (InRange(point)) box.extend(point.position_m.head<2>());
   }
   if (box.isEmpty()) return false;
@@ -104,7 +104,7 @@ bool HeightGrid::Build() {
 
   std::vector<std::pair<int, float>> heights;
   heights.reserve(points_.size());
-  for (const ScenePoint& point : points_) {
+  for (const LidarReturn& point : points_) {
     if (InRange(point)) heights.emplace_back(CellOf(point.position_m), point.position_m.z());
   }
   tbb::parallel_sort(heights.begin(), heights.end());
@@ -125,7 +125,7 @@ bool HeightGrid::Build() {
 std::vector<int> HeightGrid::Seeds() const {
   std::vector<std::pair<int, float>> candidates;  // cell, depth below the sensor
   int last_scan = -1;
-  for (const ScenePoint& point : points_) {
+  for (const LidarReturn& point : points_) {
     if (point.scan == last_scan) continue;
     last_scan = point.scan;
     const Eigen::Vector2f path_m = point.origin_m.head<2>();
@@ -187,7 +187,7 @@ void HeightGrid::Grow() {
   }
 }
 
-bool HeightGrid::IsGround(const ScenePoint& point) const {
+bool HeightGrid::IsGround(const LidarReturn& point) const {
   if (!InRange(point)) return false;
   const int center = CellOf(point.position_m);
   // A kerb's face lies between the heights of the cells around it.
@@ -209,7 +209,7 @@ bool HeightGrid::IsGround(const ScenePoint& point) const {
 
 }  // namespace
 
-int SegmentGround(const std::vector<ScenePoint>& points, const GroundOptions& options,
+int SegmentGround(const std::vector<LidarReturn>& points, const GroundOptions& options,
                   std::vector<PointLabel>* labels) {
   HeightGrid grid(points, options);
   if (!grid.Build()) return 0;

@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "scene_point.h"
+#include "lidar_return.h"
 
 namespace scenecalib {
 
@@ -12,7 +12,7 @@ namespace scenecalib {
 /// cells below the sensor's path to neighbours whose height differs by less than a kerb, climbing
 /// more than a slope's worth only onto cells that are flat (a pavement is, a car's side is not).
 /// Returns the number of points marked.
-int SegmentGround(const std::vector<ScenePoint>& points, const GroundOptions& options,
+int SegmentGround(const std::vector<LidarReturn>& points, const GroundOptions& options,
                   std::vector<PointLabel>* labels);
 
 }  // namespace scenecalib

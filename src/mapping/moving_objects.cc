@@ -17,7 +17,7 @@ constexpr int kMaxChanges = 3;
 constexpr int kMinStaticScans = 8;
 
 /// begin[i] is scan i's first point; one more entry than scans.
-std::vector<int> ScanBegins(const std::vector<ScenePoint>& points) {
+std::vector<int> ScanBegins(const std::vector<LidarReturn>& points) {
   const int num_scans = points.empty() ? 0 : points.back().scan + 1;
   std::vector<int> begins(num_scans + 1, static_cast<int>(points.size()));
   for (int i = static_cast<int>(points.size()) - 1; i >= 0; --i) begins[points[i].scan] = i;
@@ -28,7 +28,7 @@ std::vector<int> ScanBegins(const std::vector<ScenePoint>& points) {
 }
 
 /// The scans that judge: spread along the drive, and over the time of a standing vehicle.
-std::vector<int> JudgingScans(const std::vector<ScenePoint>& points,
+std::vector<int> JudgingScans(const std::vector<LidarReturn>& points,
                               const std::vector<int>& scan_begins,
                               const MovingObjectOptions& options) {
   std::vector<int> judges;
@@ -90,7 +90,7 @@ constexpr double kFootprint_m = 0.2;
 
 /// Marks the returns of moving objects, and what the ground segmentation took of their lowest
 /// parts.
-void MarkObjects(const std::vector<ScenePoint>& points, const std::vector<ScanObject>& objects,
+void MarkObjects(const std::vector<LidarReturn>& points, const std::vector<ScanObject>& objects,
                  int begin, int end, std::vector<PointLabel>* labels) {
   std::vector<int> moving;
   for (const ScanObject& object : objects) {
@@ -113,7 +113,7 @@ void MarkObjects(const std::vector<ScenePoint>& points, const std::vector<ScanOb
 
 }  // namespace
 
-int RemoveMovingObjects(const std::vector<ScenePoint>& points, const MovingObjectOptions& options,
+int RemoveMovingObjects(const std::vector<LidarReturn>& points, const MovingObjectOptions& options,
                         std::vector<PointLabel>* labels) {
   const std::vector<int> scan_begins = ScanBegins(points);
   const int num_scans = static_cast<int>(scan_begins.size()) - 1;

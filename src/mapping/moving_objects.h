@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "scene_point.h"
+#include "lidar_return.h"
 
 namespace scenecalib {
 
@@ -14,7 +14,7 @@ namespace scenecalib {
 /// another is moving; foliage, fences and poles, through which some rays always pass, alternate
 /// instead and stay, as do parked cars. Every object of one scan that consists of such places to a
 /// good part goes as a whole, with its parts that nothing was ever seen behind.
-int RemoveMovingObjects(const std::vector<ScenePoint>& points, const MovingObjectOptions& options,
+int RemoveMovingObjects(const std::vector<LidarReturn>& points, const MovingObjectOptions& options,
                         std::vector<PointLabel>* labels);
 
 }  // namespace scenecalib

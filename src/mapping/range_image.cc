@@ -31,8 +31,8 @@ int RangeImage::AzimuthBin(const Eigen::Vector3f& direction) {
   return (bin % kNumAzimuths + kNumAzimuths) % kNumAzimuths;
 }
 
-RangeImage::RangeImage(const std::vector<ScenePoint>& points, const std::vector<PointLabel>& labels,
-                       int begin, int end)
+RangeImage::RangeImage(const std::vector<LidarReturn>& points,
+                       const std::vector<PointLabel>& labels, int begin, int end)
     : pixels_(kNumAzimuths * kNumElevations, Pixel{kNone, 0}) {
   for (int i = begin; i < end; ++i) {
     const Eigen::Vector3f direction = points[i].position_m - points[i].origin_m;
@@ -50,7 +50,7 @@ RangeImage::RangeImage(const std::vector<ScenePoint>& points, const std::vector<
   FillOrigins(points, begin, end);
 }
 
-void RangeImage::FillOrigins(const std::vector<ScenePoint>& points, int begin, int end) {
+void RangeImage::FillOrigins(const std::vector<LidarReturn>& points, int begin, int end) {
   origins_m_.assign(kNumAzimuths, Eigen::Vector3f::Zero());
   std::vector<int> counts(kNumAzimuths, 0);
   for (int i = begin; i < end; ++i) {

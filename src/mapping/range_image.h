@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "scene_point.h"
+#include "lidar_return.h"
 
 namespace scenecalib {
 
@@ -16,7 +16,7 @@ enum class Visibility { kUnknown, kOccupied, kFree };
 class RangeImage {
  public:
   /// Of points[begin, end), which must be one scan's.
-  RangeImage(const std::vector<ScenePoint>& points, const std::vector<PointLabel>& labels,
+  RangeImage(const std::vector<LidarReturn>& points, const std::vector<PointLabel>& labels,
              int begin, int end);
 
   /// Free when every return around the direction of the place, but nearer ground, ends more than
@@ -32,7 +32,7 @@ class RangeImage {
   };
   static constexpr std::uint16_t kNone = 65535;
   static int AzimuthBin(const Eigen::Vector3f& direction);
-  void FillOrigins(const std::vector<ScenePoint>& points, int begin, int end);
+  void FillOrigins(const std::vector<LidarReturn>& points, int begin, int end);
 
   std::vector<Pixel> pixels_;
   std::vector<Eigen::Vector3f> origins_m_;  ///< sensor position by azimuth bin

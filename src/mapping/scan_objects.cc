@@ -129,7 +129,7 @@ void FollowInto(std::vector<ScanObject>* objects, std::vector<Track>* tracks) {
 
 }  // namespace
 
-std::vector<ScanObject> FindScanObjects(const std::vector<ScenePoint>& points,
+std::vector<ScanObject> FindScanObjects(const std::vector<LidarReturn>& points,
                                         const std::vector<PointLabel>& labels,
                                         const std::vector<PlaceKind>& kinds, int begin, int end,
                                         const MovingObjectOptions& options) {

@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "scene_point.h"
+#include "lidar_return.h"
 
 namespace scenecalib {
 
@@ -23,7 +23,7 @@ struct ScanObject {
 /// The objects among points[begin, end), one scan, no larger than options.max_object_extent_m.
 /// What is known to be static separates: a car that passes a parked one is still an object of its
 /// own. An object moves when enough of it lies in moving places.
-std::vector<ScanObject> FindScanObjects(const std::vector<ScenePoint>& points,
+std::vector<ScanObject> FindScanObjects(const std::vector<LidarReturn>& points,
                                         const std::vector<PointLabel>& labels,
                                         const std::vector<PlaceKind>& kinds, int begin, int end,
                                         const MovingObjectOptions& options);

@@ -8,8 +8,8 @@
 
 #include "ground_mesh.h"
 #include "ground_segmentation.h"
+#include "lidar_return.h"
 #include "moving_objects.h"
-#include "scene_point.h"
 #include "surfel_fit.h"
 
 namespace scenecalib {
@@ -18,7 +18,7 @@ namespace {
 constexpr char kStage[] = "mapping: surfaces";
 
 /// One averaged point per voxel of what does not move.
-std::vector<MapPoint> ThinCloud(const std::vector<ScenePoint>& points,
+std::vector<MapPoint> ThinCloud(const std::vector<LidarReturn>& points,
                                 const std::vector<PointLabel>& labels, double voxel_size_m) {
   std::vector<int> kept;
   for (std::size_t i = 0; i < points.size(); ++i) {
@@ -61,7 +61,7 @@ Result<Surfaces> BuildSurfaces(const std::vector<RegisteredScan>& scans,
   for (const RegisteredScan& scan : scans) {
     surfaces.num_points_in += static_cast<int>(scan.points.size());
   }
-  const std::vector<ScenePoint> points = CollectScenePoints(scans, options.min_range_m);
+  const std::vector<LidarReturn> points = CollectReturns(scans, options.min_range_m);
   if (points.empty()) {
     return Status::InsufficientData("no lidar return lies beyond " +
                                     std::to_string(options.min_range_m) +

@@ -55,7 +55,7 @@ struct LocalPoint {
 };
 
 /// Square of the share of a return's noise that lies across a plane.
-float NoiseShareSquared(const Eigen::Vector3f& normal, const ScenePoint& point) {
+float NoiseShareSquared(const Eigen::Vector3f& normal, const LidarReturn& point) {
   const float cosine = normal.dot((point.position_m - point.origin_m).normalized());
   constexpr float kLateral = kLateralShare * kLateralShare;
   return kLateral + (1.0F - kLateral) * cosine * cosine;
@@ -64,7 +64,7 @@ float NoiseShareSquared(const Eigen::Vector3f& normal, const ScenePoint& point) 
 /// Fits one coarsest voxel and its parts.
 class VoxelFitter {
  public:
-  VoxelFitter(const std::vector<ScenePoint>& points, const std::vector<Timestamp>& stamps_ns,
+  VoxelFitter(const std::vector<LidarReturn>& points, const std::vector<Timestamp>& stamps_ns,
               const SurfelOptions& options, const SurfaceNoise& noise, Random random)
       : points_(points),
         stamps_ns_(stamps_ns),
@@ -102,7 +102,7 @@ class VoxelFitter {
   float Margin(float edge_m) const { return std::min(kMarginSigmas * noise_m_, 0.5F * edge_m); }
   void Stamp(const std::vector<int>& indices, Surfel* surfel) const;
 
-  const std::vector<ScenePoint>& points_;
+  const std::vector<LidarReturn>& points_;
   const std::vector<Timestamp>& stamps_ns_;
   const SurfelOptions& options_;
   const float noise_m_;      // across surfaces
@@ -310,7 +310,7 @@ Eigen::Vector3f CornerOf(const Eigen::Vector3f& point_m, float edge_m) {
 }
 
 /// The points of a voxel and of its margin, from the voxel and its 26 neighbours.
-std::vector<LocalPoint> Gather(const std::vector<ScenePoint>& points, const VoxelGroups& voxels,
+std::vector<LocalPoint> Gather(const std::vector<LidarReturn>& points, const VoxelGroups& voxels,
                                int v, const Eigen::Vector3f& corner_m, float edge_m,
                                float margin_m) {
   std::vector<LocalPoint> local;
@@ -343,7 +343,7 @@ double QuantileOfKnown(std::vector<float> values, double share, double none) {
 
 }  // namespace
 
-SurfaceNoise EstimateSurfaceNoise(const std::vector<ScenePoint>& points, const VoxelGroups& voxels,
+SurfaceNoise EstimateSurfaceNoise(const std::vector<LidarReturn>& points, const VoxelGroups& voxels,
                                   const SurfelOptions& options) {
   std::vector<float> across_m(voxels.size(), -1.0F);
   std::vector<float> along_ray_m(voxels.size(), -1.0F);
@@ -373,7 +373,7 @@ SurfaceNoise EstimateSurfaceNoise(const std::vector<ScenePoint>& points, const V
           bounded(QuantileOfKnown(std::move(along_ray_m), 0.5, options.max_noise_m))};
 }
 
-std::vector<Surfel> FitSurfels(const std::vector<ScenePoint>& points,
+std::vector<Surfel> FitSurfels(const std::vector<LidarReturn>& points,
                                const std::vector<PointLabel>& labels,
                                const std::vector<Timestamp>& stamps_ns,
                                const SurfelOptions& options) {

@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "scene_point.h"
+#include "lidar_return.h"
 #include "scenecalib/mapping/scene_map.h"
 
 namespace scenecalib {
@@ -23,7 +23,7 @@ namespace scenecalib {
 ///
 /// stamps_ns is by scan. Deterministic: voxels are independent and joined in the order of their
 /// keys.
-std::vector<Surfel> FitSurfels(const std::vector<ScenePoint>& points,
+std::vector<Surfel> FitSurfels(const std::vector<LidarReturn>& points,
                                const std::vector<PointLabel>& labels,
                                const std::vector<Timestamp>& stamps_ns,
                                const SurfelOptions& options);
@@ -36,7 +36,7 @@ struct SurfaceNoise {
 };
 
 /// Estimated from small planar voxels.
-SurfaceNoise EstimateSurfaceNoise(const std::vector<ScenePoint>& points, const VoxelGroups& voxels,
+SurfaceNoise EstimateSurfaceNoise(const std::vector<LidarReturn>& points, const VoxelGroups& voxels,
                                   const SurfelOptions& options);
 
 }  // namespace scenecalib

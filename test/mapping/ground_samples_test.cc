@@ -13,11 +13,11 @@ constexpr float kKerbX_m = 1.03F;
 constexpr float kKerb_m = 0.12F;
 
 /// Returns of a road and a pavement, 1.5 per square centimetre, and of the kerb's face between.
-std::vector<ScenePoint> Kerb(float noise_m) {
+std::vector<LidarReturn> Kerb(float noise_m) {
   Random random(1);
-  std::vector<ScenePoint> points;
+  std::vector<LidarReturn> points;
   for (int i = 0; i < 30000; ++i) {
-    ScenePoint point;
+    LidarReturn point;
     const auto x = static_cast<float>(random.Uniform(0.0, 2.0));
     const float z = x > kKerbX_m ? kKerb_m : 0.0F;
     point.position_m = {x, static_cast<float>(random.Uniform(0.0, 1.0)),
@@ -32,7 +32,7 @@ std::vector<ScenePoint> Kerb(float noise_m) {
 }
 
 TEST(AverageGround, KeepsRoadAndPavementApartAtAKerb) {
-  const std::vector<ScenePoint> points = Kerb(0.005F);
+  const std::vector<LidarReturn> points = Kerb(0.005F);
   const std::vector<PointLabel> labels(points.size(), PointLabel::kGround);
   const std::vector<GroundSample> samples = AverageGround(points, labels, 0.1);
   ASSERT_GT(samples.size(), 190u);
@@ -47,7 +47,7 @@ TEST(AverageGround, KeepsRoadAndPavementApartAtAKerb) {
 }
 
 TEST(AverageGround, TakesOnlyGround) {
-  const std::vector<ScenePoint> points = Kerb(0.005F);
+  const std::vector<LidarReturn> points = Kerb(0.005F);
   const std::vector<PointLabel> labels(points.size(), PointLabel::kStructure);
   EXPECT_TRUE(AverageGround(points, labels, 0.1).empty());
 }

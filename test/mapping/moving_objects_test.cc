@@ -69,7 +69,7 @@ struct Shares {
 Shares Remove(const Scene& scene) {
   const auto boxes = StaticBoxes();
   Random random(11);
-  std::vector<ScenePoint> points;
+  std::vector<LidarReturn> points;
   std::vector<Thing> things;
   std::vector<PointLabel> labels;
   for (int scan = 0; scan < scene.num_scans; ++scan) {
@@ -96,7 +96,7 @@ Shares Remove(const Scene& scene) {
         range_m = std::min(range_m, enter_m);
         if (!(range_m < 70.0 && range_m > kMinRangeM)) continue;
         range_m += 0.02 * random.Gaussian();
-        ScenePoint point;
+        LidarReturn point;
         point.position_m = (origin + range_m * direction).cast<float>();
         point.origin_m = origin.cast<float>();
         point.scan = scan;

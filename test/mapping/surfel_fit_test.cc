@@ -21,7 +21,7 @@ class Returns {
   explicit Returns(int seed) : random_(seed) {}
 
   void Add(const Eigen::Vector3f& true_point_m) {
-    ScenePoint point;
+    LidarReturn point;
     const float noise_m = kNoise_m * static_cast<float>(random_.Gaussian());
     point.position_m = true_point_m + noise_m * true_point_m.normalized();
     points_.push_back(point);
@@ -50,7 +50,7 @@ class Returns {
 
  private:
   Random random_;
-  std::vector<ScenePoint> points_;
+  std::vector<LidarReturn> points_;
 };
 
 int CountPlanar(const std::vector<Surfel>& surfels) {

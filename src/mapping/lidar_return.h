@@ -9,7 +9,7 @@
 namespace scenecalib {
 
 /// A lidar return with the place it was measured from.
-struct ScenePoint {
+struct LidarReturn {
   Eigen::Vector3f position_m = Eigen::Vector3f::Zero();  ///< in the map
   Eigen::Vector3f origin_m = Eigen::Vector3f::Zero();    ///< the sensor at the point's own time
   float intensity = 0.0F;
@@ -18,8 +18,8 @@ struct ScenePoint {
 
 /// All returns beyond min_range_m, scan by scan. The sensor moves by a metre during a sweep: its
 /// position at each point's time is interpolated between the scans' mid-scan positions.
-std::vector<ScenePoint> CollectScenePoints(const std::vector<RegisteredScan>& scans,
-                                           double min_range_m);
+std::vector<LidarReturn> CollectReturns(const std::vector<RegisteredScan>& scans,
+                                        double min_range_m);
 
 /// What a return was found to be.
 enum class PointLabel : std::uint8_t { kStructure, kGround, kMoving };
@@ -57,7 +57,7 @@ struct VoxelGroups {
 };
 
 /// Groups the points listed in `indices`.
-VoxelGroups GroupByVoxel(const std::vector<ScenePoint>& points, const std::vector<int>& indices,
+VoxelGroups GroupByVoxel(const std::vector<LidarReturn>& points, const std::vector<int>& indices,
                          double voxel_size_m);
 
 }  // namespace scenecalib

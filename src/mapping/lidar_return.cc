@@ -1,4 +1,4 @@
-#include "scene_point.h"
+#include "lidar_return.h"
 
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_sort.h>
@@ -37,19 +37,19 @@ Eigen::Vector3d VelocityAround(const std::vector<RegisteredScan>& scans,
 
 }  // namespace
 
-std::vector<ScenePoint> CollectScenePoints(const std::vector<RegisteredScan>& scans,
-                                           double min_range_m) {
+std::vector<LidarReturn> CollectReturns(const std::vector<RegisteredScan>& scans,
+                                        double min_range_m) {
   const int num_scans = static_cast<int>(scans.size());
   std::vector<double> mid_times_s(num_scans);
   tbb::parallel_for(0, num_scans,
                     [&](int i) { mid_times_s[i] = MidScanTime(scans[i], scans[0].stamp_ns); });
-  std::vector<std::vector<ScenePoint>> of_scan(num_scans);
+  std::vector<std::vector<LidarReturn>> of_scan(num_scans);
   tbb::parallel_for(0, num_scans, [&](int i) {
     const Eigen::Vector3d velocity = VelocityAround(scans, mid_times_s, i);
     const double stamp_s = SecondsBetween(scans[0].stamp_ns, scans[i].stamp_ns);
     of_scan[i].reserve(scans[i].points.size());
     for (const RegisteredPoint& point : scans[i].points) {
-      ScenePoint scene_point;
+      LidarReturn scene_point;
       scene_point.position_m = point.position_in_map_m;
       const double since_mid_s = stamp_s + point.time_offset_s - mid_times_s[i];
       scene_point.origin_m = (scans[i].lidar_in_map_m + since_mid_s * velocity).cast<float>();
@@ -60,7 +60,7 @@ std::vector<ScenePoint> CollectScenePoints(const std::vector<RegisteredScan>& sc
       of_scan[i].push_back(scene_point);
     }
   });
-  std::vector<ScenePoint> points;
+  std::vector<LidarReturn> points;
   std::size_t total = 0;
   for (const auto& scan : of_scan) total += scan.size();
   points.reserve(total);
@@ -77,7 +77,7 @@ int VoxelGroups::Find(std::uint64_t key) const {
   return static_cast<int>(found - keys.begin());
 }
 
-VoxelGroups GroupByVoxel(const std::vector<ScenePoint>& points, const std::vector<int>& indices,
+VoxelGroups GroupByVoxel(const std::vector<LidarReturn>& points, const std::vector<int>& indices,
                          double voxel_size_m) {
   const float inverse_edge = static_cast<float>(1.0 / voxel_size_m);
   std::vector<std::pair<std::uint64_t, int>> keyed(indices.size());
