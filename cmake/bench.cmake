@@ -1,7 +1,6 @@
 # Benchmarks and accuracy programs; neither installed nor run by the tests.
 # bench/<name>_bench.cc is a Google Benchmark, bench/<name>_main.cc a program <name>.
 find_package(benchmark REQUIRED)
-find_package(CLI11 REQUIRED)
 
 add_library(scenecalib_bench bench/point_labels.cc bench/simulated_drive.cc)
 target_include_directories(scenecalib_bench PUBLIC ${CMAKE_CURRENT_SOURCE_DIR})

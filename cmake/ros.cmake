@@ -7,7 +7,6 @@ set(SCENECALIB_ROS_PACKAGES cv_bridge diagnostic_msgs diagnostic_updater geometr
   rosbag_storage roscpp roslz4 sensor_msgs std_msgs std_srvs tf2_msgs tf2_ros visualization_msgs)
 find_package(catkin REQUIRED COMPONENTS ${SCENECALIB_ROS_PACKAGES} message_generation)
 find_package(BZip2 REQUIRED)
-find_package(CLI11 REQUIRED)
 find_package(Threads REQUIRED)
 
 add_message_files(FILES Calibration.msg CalibrationStatus.msg CameraResult.msg MapSnapshot.msg

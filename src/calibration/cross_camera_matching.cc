@@ -9,7 +9,6 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <opencv2/imgproc.hpp>
 #include <optional>
 #include <unordered_map>
 #include <utility>
@@ -23,6 +22,8 @@ namespace {
 constexpr double kMinGrazingSine = 0.05;
 /// Spacing of the exact warp's grid, in target pixels; between its nodes the warp is bilinear.
 constexpr int kGridStep = 4;
+/// From this many source pixels to a target pixel on, the source is smoothed.
+constexpr double kFinerScale = 1.2;
 /// Every so many grid nodes a ray tells whether the plane is what is seen there.
 constexpr int kRayStep = 2;
 constexpr double kOcclusionShare = 0.01;
@@ -333,29 +334,49 @@ class PairMatcher {
                                : 0;
       }
     }
-    // Where the source is finer, it is smoothed to what the target resolves.
-    cv::Mat source = source_image;
-    const double finer = 1.0 / target_px_per_source_px;
-    if (finer > 1.2) {
-      cv::Rect box = SourceBox(map, source_image.size());
-      if (box.area() == 0) return 0.0;
-      cv::GaussianBlur(source_image(box), source, cv::Size(), 0.5 * std::sqrt(finer * finer - 1.0));
-      map -= cv::Scalar(box.x, box.y);
-    }
-    cv::remap(source, *patch, map, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+    SamplePatch(source_image, map, 1.0 / target_px_per_source_px > kFinerScale, patch);
     return static_cast<double>(cv::countNonZero(*mask)) / (edge * edge);
   }
 
-  static cv::Rect SourceBox(const cv::Mat2f& map, const cv::Size& size) {
-    std::vector<cv::Mat1f> channels;
-    cv::split(map, channels);
-    double x0 = 0.0, x1 = 0.0, y0 = 0.0, y1 = 0.0;
-    cv::minMaxLoc(channels[0], &x0, &x1);
-    cv::minMaxLoc(channels[1], &y0, &y1);
-    const cv::Rect box(
-        static_cast<int>(std::max(-10.0, x0)) - 4, static_cast<int>(std::max(-10.0, y0)) - 4,
-        static_cast<int>(std::min(x1 - x0, 1e4)) + 9, static_cast<int>(std::min(y1 - y0, 1e4)) + 9);
-    return box & cv::Rect(cv::Point(0, 0), size);
+  /// Reads the source at the mapped positions. Where it is finer, the mean of four places within
+  /// the target's pixel keeps what the target cannot resolve out. Written out because OpenCV's own
+  /// filters and warps round differently for different numbers of threads.
+  static void SamplePatch(const cv::Mat& source, const cv::Mat2f& map, bool finer, cv::Mat* patch) {
+    cv::Mat1b sampled(map.size());
+    for (int y = 0; y < map.rows; ++y) {
+      for (int x = 0; x < map.cols; ++x) {
+        const cv::Vec2f at = map(y, x);
+        float grey = 0.0F;
+        if (finer) {
+          const cv::Vec2f right =
+              map(y, std::min(x + 1, map.cols - 1)) - map(y, std::max(x - 1, 0));
+          const cv::Vec2f down = map(std::min(y + 1, map.rows - 1), x) - map(std::max(y - 1, 0), x);
+          for (const float a : {-0.125F, 0.125F}) {
+            for (const float b : {-0.125F, 0.125F}) {
+              grey += 0.25F * Bilinear(source, at + a * right + b * down);
+            }
+          }
+        } else {
+          grey = Bilinear(source, at);
+        }
+        sampled(y, x) = static_cast<uchar>(grey + 0.5F);
+      }
+    }
+    *patch = sampled;
+  }
+
+  /// Grey value between pixels; beyond the border that of the border.
+  static float Bilinear(const cv::Mat& image, const cv::Vec2f& at) {
+    const float x = std::min(std::max(at[0], 0.0F), static_cast<float>(image.cols) - 1.001F);
+    const float y = std::min(std::max(at[1], 0.0F), static_cast<float>(image.rows) - 1.001F);
+    const int x0 = static_cast<int>(x);
+    const int y0 = static_cast<int>(y);
+    const float a = x - static_cast<float>(x0);
+    const float b = y - static_cast<float>(y0);
+    const uchar* row = image.ptr<uchar>(y0) + x0;
+    const uchar* next = image.ptr<uchar>(y0 + 1) + x0;
+    return (1.0F - b) * ((1.0F - a) * row[0] + a * row[1]) +
+           b * ((1.0F - a) * next[0] + a * next[1]);
   }
 
   Verdict Refine(const FeaturePoint& point, const PatchWarp& predicted, const cv::Mat& source_image,
