@@ -30,7 +30,7 @@ struct RayHit {
   double incidence_angle_rad = 0.0;  ///< between the reversed ray and the normal, [0, pi/2]
 };
 
-/// Ray casting against the ground mesh (triangles) and the surfels (oriented discs) in Embree.
+/// Ray casting against the ground mesh and the surfels (discs) in Embree.
 /// Copies what it needs from the map; safe to use from many threads.
 class RayCaster {
  public:
