@@ -231,7 +231,12 @@ std::vector<MeshPlane> FitMeshPlanes(const TriangleMesh& mesh) {
     const MeshPlane& fit = grid.plane(column_of_triangle[i]);
     if (!fit.planar) continue;
     const double distance_m = fit.normal.dot(planes[i].point_m - fit.point_m);
-    if (std::abs(distance_m) <= kMaxDistance_m) planes[i] = fit;
+    if (std::abs(distance_m) > kMaxDistance_m) continue;
+    // Through the mesh, not through the mean height of metres around: on a cambered road that lies
+    // below it everywhere, and all cameras of the vehicle with it.
+    const Eigen::Vector3d centroid = planes[i].point_m;
+    planes[i] = fit;
+    planes[i].point_m = centroid;
   }
   return planes;
 }
