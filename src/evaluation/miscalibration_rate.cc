@@ -2,36 +2,88 @@
 
 #include <tbb/parallel_for.h>
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <iterator>
-#include <opencv2/imgproc.hpp>
+#include <set>
+#include <utility>
 
+#include "band_pass.h"
 #include "scenecalib/base/random.h"
-#include "scenecalib/evaluation/overlay.h"
-#include "scenecalib/geometry/so3.h"
+#include "surface_view.h"
 
-// Map of this file: ChooseFrames picks images; each frame gets the list of map points it sees;
-// ChoosePairs joins frames; RatePair perturbs the pose of the pair's second frame and compares.
+// Map of this file: ChooseFrames picks images and casts their rays; ChoosePairs joins frames;
+// MakeComparison lists what both images of a pair see, with the pixels' derivatives by the judged
+// camera's pose; FindOptimum finds each camera's best pose over all its pairs; RatePair perturbs.
 
 namespace scenecalib {
 namespace {
 
 constexpr int kNumAxes = 6;  // x, y, z, pitch, yaw, roll: translations and rotations by axis
-using AxisRates = std::array<double, kNumAxes>;
+using AxisValues = Eigen::Array<double, kNumAxes, 1>;
+using Vector6 = Eigen::Matrix<double, kNumAxes, 1>;
+using Matrix6 = Eigen::Matrix<double, kNumAxes, kNumAxes>;
+using PixelByPose = Eigen::Matrix<float, 2, kNumAxes>;
+
+constexpr int kNumCells = 12000;
+/// Differences beyond this many local contrasts are other things: cars, shadows, reflections.
+constexpr double kMaxDifference = 0.5;
+/// Gauss-Newton steps, from coarse to fine: the base over which brightness is differentiated, and
+/// the difference beyond which a point does not count.
+struct OptimumStep {
+  float gradient_base_px;
+  double max_difference;
+};
+constexpr OptimumStep kSteps[] = {{3.0F, 3.0}, {3.0F, 2.0}, {2.5F, 1.5}, {2.0F, 1.0},
+                                  {1.5F, 0.8}, {1.0F, 0.5}, {1.0F, 0.5}, {1.0F, 0.5}};
+constexpr OptimumStep kFinest = {1.0F, kMaxDifference};
 
 struct Frame {
   std::size_t camera = 0;
-  cv::Mat image;  // smoothed, so that brightness varies smoothly with the pose
-  Rigid3 lidar_from_map;
-  std::vector<std::size_t> visible_points;  // sorted
+  const cv::Mat* image = nullptr;
+  Rigid3 map_from_camera;
+  std::optional<SurfaceView> view;
 };
 
 struct Pair {
   std::size_t other = 0;  // frame compared with
   std::size_t frame = 0;  // frame of the camera that is judged
+  int other_level = 0;    // how much the images are smoothed, so that both show the same detail
+  int level = 0;
 };
+
+/// Smoothed images by frame and level.
+using BandPassImages = std::map<std::pair<std::size_t, int>, BandPassImage>;
+
+/// The frames of two cameras, or of one, at all times: judged together.
+struct CameraPair {
+  std::size_t camera = 0;
+  std::vector<std::size_t> pairs;
+};
+
+/// What a pair's images show of the points that both see. Pixels move with the judged camera's pose
+/// to first order: the perturbations are small.
+struct Comparison {
+  const BandPassImage* image = nullptr;
+  const BandPassImage* other_image = nullptr;
+  bool same_camera = false;
+  std::vector<Eigen::Vector2f> pixels;
+  std::vector<PixelByPose> pixels_by_pose;
+  std::vector<Eigen::Vector2f> other_pixels;
+  std::vector<PixelByPose> other_pixels_by_pose;  // only of the same camera
+  std::vector<float> other_values;                // only of another camera
+};
+
+/// Perturbation that one unit of the scaled pose stands for.
+AxisValues Ranges(const MiscalibrationOptions& options) {
+  const double max_rotation_rad = options.max_rotation_deg * 3.14159265358979323846 / 180.0;
+  AxisValues ranges;
+  ranges.head<3>() = options.max_translation_m;
+  ranges.tail<3>() = max_rotation_rad;
+  return ranges;
+}
 
 /// The image nearest to a time on the lidar's clock; end() when none is near enough.
 std::map<Timestamp, cv::Mat>::const_iterator Nearest(const std::map<Timestamp, cv::Mat>& images,
@@ -48,7 +100,7 @@ std::map<Timestamp, cv::Mat>::const_iterator Nearest(const std::map<Timestamp, c
   return difference_s <= max_difference_s ? nearest : images.end();
 }
 
-/// A frame of the camera near the time, without its visible points.
+/// A frame of the camera near the time, without its view.
 std::optional<Frame> MakeFrame(const Rig& rig, std::size_t camera, const SceneMap& map,
                                const std::map<Timestamp, cv::Mat>& images, Timestamp time_ns,
                                const MiscalibrationOptions& options) {
@@ -64,15 +116,15 @@ std::optional<Frame> MakeFrame(const Rig& rig, std::size_t camera, const SceneMa
   }
   Frame frame;
   frame.camera = camera;
-  frame.image = image->second;
-  frame.lidar_from_map = map_from_lidar->Inverse();
+  frame.image = &image->second;
+  frame.map_from_camera = *map_from_lidar * config.lidar_from_camera;
   return frame;
 }
 
 /// Per time one frame of each camera and a second one later; slots of frames that do not exist are
 /// empty. The slot of (time, camera, later) is (time * num_cameras + camera) * 2 + later.
 std::vector<std::optional<Frame>> ChooseFrames(
-    const Rig& rig, const SceneMap& map,
+    const Rig& rig, const SceneMap& map, const RayCaster& caster,
     const std::vector<const std::map<Timestamp, cv::Mat>*>& images,
     const MiscalibrationOptions& options) {
   std::vector<std::optional<Frame>> frames(static_cast<std::size_t>(options.num_times) *
@@ -90,132 +142,338 @@ std::vector<std::optional<Frame>> ChooseFrames(
         MakeFrame(rig, camera, map, *images[camera],
                   AddSeconds(map.map_from_lidar.start_ns(), elapsed_s), options);
     if (!frame) return;
-    const Rigid3 camera_from_map = config.lidar_from_camera.Inverse() * frame->lidar_from_map;
-    for (const VisiblePoint& point :
-         FindVisiblePoints(*config.model, map.points, camera_from_map, OverlayOptions())) {
-      frame->visible_points.push_back(point.index);
-    }
-    cv::Mat smooth;
-    cv::GaussianBlur(frame->image, smooth, cv::Size(5, 5), 1.0);
-    frame->image = smooth;
+    frame->view.emplace(*config.model, frame->map_from_camera, caster, kNumCells,
+                        options.seed + static_cast<int>(slot));
     frames[slot] = std::move(frame);
   });
   return frames;
 }
 
-std::vector<Pair> ChoosePairs(const std::vector<std::optional<Frame>>& frames,
-                              std::size_t num_cameras) {
+/// Angle that a pixel in the middle of the image spans.
+double RadPerPixel(const CameraModel& camera) {
+  const Eigen::Vector2d center = camera.tunable().principal_point_px;
+  const auto a = camera.Unproject(center);
+  const auto b = camera.Unproject(center + Eigen::Vector2d::UnitX());
+  return a && b ? std::acos(std::min(1.0, a->dot(*b))) : 1e-3;
+}
+
+/// Pairs of frames; the finer camera is smoothed to the coarser one's detail, in steps of a factor
+/// of sqrt(2).
+std::vector<Pair> ChoosePairs(const std::vector<std::optional<Frame>>& frames, const Rig& rig) {
+  const std::size_t num_cameras = rig.cameras.size();
   std::vector<Pair> pairs;
+  const auto add = [&](std::size_t other, std::size_t slot) {
+    const double ratio = RadPerPixel(*rig.cameras[frames[other]->camera].model) /
+                         RadPerPixel(*rig.cameras[frames[slot]->camera].model);
+    const int level = static_cast<int>(std::lround(2.0 * std::log2(ratio)));
+    pairs.push_back({other, slot, std::max(0, -level), std::max(0, level)});
+  };
   for (std::size_t slot = 0; slot < frames.size(); slot += 2) {
     if (!frames[slot]) continue;
-    if (frames[slot + 1]) pairs.push_back({slot + 1, slot});
+    if (frames[slot + 1]) add(slot + 1, slot);
     const std::size_t first_of_time = slot - slot % (2 * num_cameras);
     for (std::size_t other = first_of_time; other < first_of_time + 2 * num_cameras; other += 2) {
-      if (other != slot && frames[other]) pairs.push_back({other, slot});
+      if (other != slot && frames[other]) add(other, slot);
     }
   }
   return pairs;
 }
 
-/// Brightness between four pixels; none outside the image.
-std::optional<double> Brightness(const cv::Mat& image, const Eigen::Vector2d& pixel) {
-  const int x = static_cast<int>(std::floor(pixel.x()));
-  const int y = static_cast<int>(std::floor(pixel.y()));
-  if (x < 0 || y < 0 || x + 1 >= image.cols || y + 1 >= image.rows) return std::nullopt;
-  const double fx = pixel.x() - x;
-  const double fy = pixel.y() - y;
-  const unsigned char* upper = image.ptr<unsigned char>(y) + x;
-  const unsigned char* lower = image.ptr<unsigned char>(y + 1) + x;
-  return (1.0 - fy) * ((1.0 - fx) * upper[0] + fx * upper[1]) +
-         fy * ((1.0 - fx) * lower[0] + fx * lower[1]);
-}
-
-/// Brightness of points under a pose; NaN where the camera does not see them.
-std::vector<double> Sample(const Frame& frame, const CameraConfig& config,
-                           const Rigid3& lidar_from_camera,
-                           const std::vector<Eigen::Vector3d>& points_in_map_m) {
-  const Rigid3 camera_from_map = lidar_from_camera.Inverse() * frame.lidar_from_map;
-  const Eigen::Matrix3d rotation = camera_from_map.RotationMatrix();
-  std::vector<double> values(points_in_map_m.size(), std::nan(""));
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    const auto pixel =
-        config.model->Project(rotation * points_in_map_m[i] + camera_from_map.translation);
-    if (!pixel) continue;
-    const std::optional<double> value = Brightness(frame.image, *pixel);
-    if (value) values[i] = *value;
+/// Pixel of a map point and its derivative by a motion of the camera in its own frame, per unit of
+/// the scaled pose; none when it comes too near to the border to be perturbed.
+std::optional<std::pair<Eigen::Vector2d, PixelByPose>> Place(
+    const Frame& frame, const CameraModel& model, const AxisValues& ranges,
+    const Eigen::Vector3d& point_in_map_m) {
+  const Eigen::Vector3d point_m = frame.map_from_camera.Inverse() * point_in_map_m;
+  ProjectionJacobians jacobians;
+  const auto pixel = model.Project(point_m, &jacobians);
+  if (!pixel) return std::nullopt;
+  Eigen::Matrix<double, 3, kNumAxes> point_by_pose;
+  point_by_pose.leftCols<3>() = -Eigen::Matrix3d::Identity();
+  point_by_pose.rightCols<3>() << 0.0, -point_m.z(), point_m.y(), point_m.z(), 0.0, -point_m.x(),
+      -point_m.y(), point_m.x(), 0.0;
+  const Eigen::Matrix<double, 2, kNumAxes> by_pose =
+      jacobians.pixel_by_point * point_by_pose * ranges.matrix().asDiagonal();
+  // All axes at their bound together, and the base of the coarsest gradient.
+  const double margin_px = 3.0 + by_pose.cwiseAbs().rowwise().sum().maxCoeff();
+  if (pixel->x() < margin_px || pixel->y() < margin_px ||
+      pixel->x() > model.width_px() - 1 - margin_px ||
+      pixel->y() > model.height_px() - 1 - margin_px) {
+    return std::nullopt;
   }
-  return values;
+  return std::make_pair(*pixel, PixelByPose(by_pose.cast<float>()));
 }
 
-/// One minus the normalised cross-correlation, over what is seen in both.
-double PhotometricError(const std::vector<double>& a, const std::vector<double>& b) {
-  double n = 0.0, sum_a = 0.0, sum_b = 0.0, sum_aa = 0.0, sum_bb = 0.0, sum_ab = 0.0;
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    if (std::isnan(a[i]) || std::isnan(b[i])) continue;
-    n += 1.0;
-    sum_a += a[i];
-    sum_b += b[i];
-    sum_aa += a[i] * a[i];
-    sum_bb += b[i] * b[i];
-    sum_ab += a[i] * b[i];
+std::optional<Comparison> MakeComparison(const Frame& other, const Frame& frame, const Rig& rig,
+                                         const MiscalibrationOptions& options) {
+  const CameraModel& model = *rig.cameras[frame.camera].model;
+  const CameraModel& other_model = *rig.cameras[other.camera].model;
+  const AxisValues ranges = Ranges(options);
+  Comparison comparison;
+  comparison.same_camera = other.camera == frame.camera;
+  std::vector<std::pair<Eigen::Vector2d, PixelByPose>> here;
+  std::vector<std::pair<Eigen::Vector2d, PixelByPose>> there;
+  for (const SurfaceView::Cell& cell : frame.view->cells()) {
+    if (!cell.inside) continue;
+    const auto other_place = Place(other, other_model, ranges, cell.point_in_map_m);
+    if (!other_place || !other.view->Sees(cell.point_in_map_m, other_place->first)) continue;
+    const auto place = Place(frame, model, ranges, cell.point_in_map_m);
+    if (!place) continue;
+    here.push_back(*place);
+    there.push_back(*other_place);
   }
-  const double variance_a = n * sum_aa - sum_a * sum_a;
-  const double variance_b = n * sum_bb - sum_b * sum_b;
-  // An image without contrast is like nothing.
-  if (!(variance_a > 0.0 && variance_b > 0.0)) return 1.0;
-  return 1.0 - (n * sum_ab - sum_a * sum_b) / std::sqrt(variance_a * variance_b);
-}
-
-std::vector<Eigen::Vector3d> SharedPoints(const Frame& a, const Frame& b, const SceneMap& map,
-                                          const MiscalibrationOptions& options) {
-  std::vector<std::size_t> shared;
-  std::set_intersection(a.visible_points.begin(), a.visible_points.end(), b.visible_points.begin(),
-                        b.visible_points.end(), std::back_inserter(shared));
-  std::vector<Eigen::Vector3d> points;
-  if (shared.size() < static_cast<std::size_t>(options.min_points)) return points;
-  const std::size_t count = std::min(shared.size(), static_cast<std::size_t>(options.max_points));
-  for (std::size_t i = 0; i < count; ++i) {
-    points.push_back(map.points[shared[i * shared.size() / count]].position_m.cast<double>());
+  if (here.size() < static_cast<std::size_t>(options.min_points)) return std::nullopt;
+  const std::size_t count = std::min(here.size(), static_cast<std::size_t>(options.max_points));
+  for (std::size_t k = 0; k < count; ++k) {
+    const std::size_t i = k * here.size() / count;
+    comparison.pixels.push_back(here[i].first.cast<float>());
+    comparison.pixels_by_pose.push_back(here[i].second);
+    comparison.other_pixels.push_back(there[i].first.cast<float>());
+    if (comparison.same_camera) {
+      comparison.other_pixels_by_pose.push_back(there[i].second);
+    }
   }
-  return points;
+  return comparison;
 }
 
-/// Share of perturbed poses with a lower error, per axis; none without enough shared points.
-std::optional<AxisRates> RatePair(const Frame& other, const Frame& frame, const Rig& rig,
-                                  const SceneMap& map, const std::vector<double>& fractions,
-                                  const MiscalibrationOptions& options) {
-  const std::vector<Eigen::Vector3d> points = SharedPoints(other, frame, map, options);
-  if (points.empty()) return std::nullopt;
-  const CameraConfig& config = rig.cameras[frame.camera];
-  const CameraConfig& other_config = rig.cameras[other.camera];
-  const bool same_camera = other.camera == frame.camera;
-  const std::vector<double> other_values =
-      Sample(other, other_config, other_config.lidar_from_camera, points);
-  const double error =
-      PhotometricError(other_values, Sample(frame, config, config.lidar_from_camera, points));
-  const double max_rotation_rad = options.max_rotation_deg * 3.14159265358979323846 / 180.0;
-  AxisRates rates = {};
+/// A camera that shares views with others is judged by those alone: the images of one camera at two
+/// times hardly show a shift that both share.
+void PreferOtherCameras(const std::vector<std::size_t>& camera_of_pair,
+                        std::vector<std::optional<Comparison>>* comparisons) {
+  std::set<std::size_t> sharing;
+  for (std::size_t i = 0; i < comparisons->size(); ++i) {
+    if ((*comparisons)[i] && !(*comparisons)[i]->same_camera) sharing.insert(camera_of_pair[i]);
+  }
+  for (std::size_t i = 0; i < comparisons->size(); ++i) {
+    std::optional<Comparison>& comparison = (*comparisons)[i];
+    if (comparison && comparison->same_camera && sharing.count(camera_of_pair[i]) > 0) {
+      comparison.reset();
+    }
+  }
+}
+
+/// Smooths what the comparisons need, each image once, and hands it to them.
+BandPassImages AddImages(const std::vector<std::optional<Frame>>& frames,
+                         const std::vector<Pair>& pairs, double smoothing_px,
+                         std::vector<std::optional<Comparison>>* comparisons) {
+  BandPassImages images;
+  for (std::size_t i = 0; i < pairs.size(); ++i) {
+    if (!(*comparisons)[i]) continue;
+    images[{pairs[i].frame, pairs[i].level}];
+    images[{pairs[i].other, pairs[i].other_level}];
+  }
+  std::vector<BandPassImages::iterator> slots;
+  for (auto at = images.begin(); at != images.end(); ++at) slots.push_back(at);
+  tbb::parallel_for(std::size_t{0}, slots.size(), [&](std::size_t i) {
+    const auto& [frame, level] = slots[i]->first;
+    slots[i]->second =
+        BandPassImage(*frames[frame]->image, smoothing_px * std::pow(2.0, 0.5 * level));
+  });
+  for (std::size_t i = 0; i < pairs.size(); ++i) {
+    if (!(*comparisons)[i]) continue;
+    Comparison& comparison = *(*comparisons)[i];
+    comparison.image = &images.at({pairs[i].frame, pairs[i].level});
+    comparison.other_image = &images.at({pairs[i].other, pairs[i].other_level});
+    if (comparison.same_camera) continue;
+    for (const Eigen::Vector2f& pixel : comparison.other_pixels) {
+      comparison.other_values.push_back(comparison.other_image->At(pixel.x(), pixel.y()));
+    }
+  }
+  return images;
+}
+
+/// Sum over the points of the truncated squared difference, at a scaled pose.
+double PhotometricError(const Comparison& comparison, const Vector6& pose) {
+  const Eigen::Matrix<float, kNumAxes, 1> p = pose.cast<float>();
+  double sum = 0.0;
+  for (std::size_t i = 0; i < comparison.pixels.size(); ++i) {
+    const Eigen::Vector2f pixel = comparison.pixels[i] + comparison.pixels_by_pose[i] * p;
+    float other_value = 0.0F;
+    if (comparison.same_camera) {
+      const Eigen::Vector2f other_pixel =
+          comparison.other_pixels[i] + comparison.other_pixels_by_pose[i] * p;
+      other_value = comparison.other_image->At(other_pixel.x(), other_pixel.y());
+    } else {
+      other_value = comparison.other_values[i];
+    }
+    const double difference = comparison.image->At(pixel.x(), pixel.y()) - other_value;
+    sum += std::min(difference * difference, kMaxDifference * kMaxDifference);
+  }
+  return sum;
+}
+
+/// Normal equations of the differences that are not truncated.
+struct Normal {
+  Matrix6 h = Matrix6::Zero();
+  Vector6 b = Vector6::Zero();
+  double square_sum = 0.0;
+  int count = 0;
+
+  void Add(const Normal& other) {
+    h += other.h;
+    b += other.b;
+    square_sum += other.square_sum;
+    count += other.count;
+  }
+};
+
+Eigen::RowVector2f Gradient(const BandPassImage& image, const Eigen::Vector2f& pixel,
+                            float base_px) {
+  const float half = 0.5F * base_px;
+  return Eigen::RowVector2f(
+             image.At(pixel.x() + half, pixel.y()) - image.At(pixel.x() - half, pixel.y()),
+             image.At(pixel.x(), pixel.y() + half) - image.At(pixel.x(), pixel.y() - half)) /
+         base_px;
+}
+
+Normal Linearise(const Comparison& comparison, const Vector6& pose, const OptimumStep& step) {
+  const Eigen::Matrix<float, kNumAxes, 1> p = pose.cast<float>();
+  Normal normal;
+  for (std::size_t i = 0; i < comparison.pixels.size(); ++i) {
+    const Eigen::Vector2f pixel = comparison.pixels[i] + comparison.pixels_by_pose[i] * p;
+    Eigen::Vector2f other_pixel = comparison.other_pixels[i];
+    if (comparison.same_camera) other_pixel += comparison.other_pixels_by_pose[i] * p;
+    const double difference = comparison.image->At(pixel.x(), pixel.y()) -
+                              comparison.other_image->At(other_pixel.x(), other_pixel.y());
+    if (std::abs(difference) >= step.max_difference) continue;
+    Eigen::Matrix<float, 1, kNumAxes> by_pose =
+        Gradient(*comparison.image, pixel, step.gradient_base_px) * comparison.pixels_by_pose[i];
+    if (comparison.same_camera) {
+      by_pose -= Gradient(*comparison.other_image, other_pixel, step.gradient_base_px) *
+                 comparison.other_pixels_by_pose[i];
+    }
+    const Vector6 row = by_pose.transpose().cast<double>();
+    normal.h += row * row.transpose();
+    normal.b += difference * row;
+    normal.square_sum += difference * difference;
+    ++normal.count;
+  }
+  return normal;
+}
+
+/// Each camera's best scaled pose over all its pairs with other cameras, within the perturbations'
+/// range. One camera's images at two times do not fix all six axes: there it is the given pose.
+std::vector<Vector6> FindOptima(const std::vector<std::optional<Comparison>>& comparisons,
+                                const std::vector<std::size_t>& camera_of_pair,
+                                std::size_t num_cameras) {
+  std::vector<Vector6> optima(num_cameras, Vector6::Zero());
+  for (const OptimumStep& step : kSteps) {
+    std::vector<Normal> normals(comparisons.size());
+    tbb::parallel_for(std::size_t{0}, comparisons.size(), [&](std::size_t i) {
+      if (!comparisons[i] || comparisons[i]->same_camera) return;
+      normals[i] = Linearise(*comparisons[i], optima[camera_of_pair[i]], step);
+    });
+    for (std::size_t camera = 0; camera < num_cameras; ++camera) {
+      Normal sum;
+      for (std::size_t i = 0; i < normals.size(); ++i) {
+        if (camera_of_pair[i] != camera) continue;
+        sum.Add(normals[i]);
+      }
+      if (sum.count == 0) continue;
+      // What the images do not show stays at the calibration: a prior of one range per axis.
+      const double variance = sum.square_sum / sum.count;
+      sum.h.diagonal().array() += variance;
+      sum.b += variance * optima[camera];
+      optima[camera] -= sum.h.ldlt().solve(sum.b);
+      optima[camera] = optima[camera].cwiseMax(-1.0).cwiseMin(1.0);
+    }
+  }
+  return optima;
+}
+
+/// A camera pair's verdict on every axis, and what it is worth.
+struct PairRates {
+  AxisValues rates = AxisValues::Zero();
+  AxisValues weights = AxisValues::Zero();
+};
+
+PairRates RatePair(const std::vector<std::optional<Comparison>>& comparisons,
+                   const std::vector<std::size_t>& pairs, const Vector6& optimum,
+                   const std::vector<double>& fractions, const MiscalibrationOptions& options) {
+  const auto error_at = [&](const Vector6& pose) {
+    double sum = 0.0;
+    for (const std::size_t i : pairs) sum += PhotometricError(*comparisons[i], pose);
+    return sum;
+  };
+  PairRates result;
+  Normal sum;
+  for (const std::size_t i : pairs) sum.Add(Linearise(*comparisons[i], optimum, kFinest));
+  if (sum.count == 0) return result;
+  result.weights = sum.h.diagonal().array() / (sum.square_sum / sum.count + 1e-6);
   for (int axis = 0; axis < kNumAxes; ++axis) {
+    Vector6 base = options.free_other_axes ? optimum : Vector6(Vector6::Zero());
+    base[axis] = 0.0;
+    const double error = error_at(base);
     int num_lower = 0;
     for (int sample = 0; sample < options.num_samples; ++sample) {
-      const double fraction =
-          fractions[static_cast<std::size_t>(axis * options.num_samples + sample)];
-      const Eigen::Vector3d direction = fraction * Eigen::Vector3d::Unit(axis % 3);
-      const Rigid3 shift =
-          axis < 3 ? Rigid3(Eigen::Quaterniond::Identity(), options.max_translation_m * direction)
-                   : Rigid3(ExpSo3(max_rotation_rad * direction), Eigen::Vector3d::Zero());
-      const Rigid3 perturbed = config.lidar_from_camera * shift;
-      const std::vector<double> values = Sample(frame, config, perturbed, points);
-      const double perturbed_error = PhotometricError(
-          same_camera ? Sample(other, other_config, perturbed, points) : other_values, values);
-      if (perturbed_error < error) ++num_lower;
+      Vector6 perturbed = base;
+      perturbed[axis] = fractions[static_cast<std::size_t>(axis * options.num_samples + sample)];
+      if (error_at(perturbed) < error) ++num_lower;
     }
-    rates[axis] = static_cast<double>(num_lower) / options.num_samples;
+    result.rates[axis] = static_cast<double>(num_lower) / options.num_samples;
   }
-  return rates;
+  return result;
+}
+
+/// Those comparisons that exist, by judged camera and the camera compared with.
+std::vector<CameraPair> GroupByCameras(const std::vector<std::optional<Frame>>& frames,
+                                       const std::vector<Pair>& pairs,
+                                       const std::vector<std::optional<Comparison>>& comparisons) {
+  std::map<std::pair<std::size_t, std::size_t>, CameraPair> groups;
+  for (std::size_t i = 0; i < pairs.size(); ++i) {
+    if (!comparisons[i]) continue;
+    const std::size_t camera = frames[pairs[i].frame]->camera;
+    CameraPair& group = groups[{camera, frames[pairs[i].other]->camera}];
+    group.camera = camera;
+    group.pairs.push_back(i);
+  }
+  std::vector<CameraPair> list;
+  for (const auto& [cameras, group] : groups) list.push_back(group);
+  return list;
+}
+
+std::vector<double> DrawFractions(const MiscalibrationOptions& options) {
+  Random random(static_cast<std::uint64_t>(options.seed));
+  std::vector<double> fractions;
+  for (int i = 0; i < kNumAxes * options.num_samples; ++i) {
+    // One in each of num_samples equal parts of the range: uniform, with less chance in the count.
+    const double part = i % options.num_samples;
+    fractions.push_back(-1.0 + 2.0 * (part + random.Uniform()) / options.num_samples);
+  }
+  return fractions;
 }
 
 }  // namespace
+
+FieldOfView FieldOfViewOf(const CameraModel& camera) {
+  const double across_deg = 2.0 * camera.max_theta_rad() * 180.0 / 3.14159265358979323846;
+  if (across_deg < 50.0) return FieldOfView::kNarrow;
+  return across_deg < 160.0 ? FieldOfView::kMedium : FieldOfView::kWide;
+}
+
+const char* ToString(FieldOfView field_of_view) {
+  switch (field_of_view) {
+    case FieldOfView::kNarrow:
+      return "30 deg";
+    case FieldOfView::kMedium:
+      return "70, 120 deg";
+    case FieldOfView::kWide:
+      break;
+  }
+  return "200 deg";
+}
+
+MiscalibrationRate PublishedRate(FieldOfView field_of_view) {
+  switch (field_of_view) {
+    case FieldOfView::kNarrow:
+      return {0.265, 0.308, 0.205, 0.273, 0.155, 0.265};
+    case FieldOfView::kMedium:
+      return {0.210, 0.227, 0.174, 0.185, 0.150, 0.173};
+    case FieldOfView::kWide:
+      break;
+  }
+  return {0.045, 0.070, 0.066, 0.119, 0.183, 0.126};
+}
 
 Result<std::vector<std::optional<MiscalibrationRate>>> ComputeMiscalibrationRates(
     const Rig& rig, const SceneMap& map,
@@ -229,30 +487,36 @@ Result<std::vector<std::optional<MiscalibrationRate>>> ComputeMiscalibrationRate
   }
   std::vector<std::optional<MiscalibrationRate>> rates(rig.cameras.size());
   if (map.map_from_lidar.empty() || rig.cameras.empty()) return rates;
-  const std::vector<std::optional<Frame>> frames = ChooseFrames(rig, map, images, options);
-  const std::vector<Pair> pairs = ChoosePairs(frames, rig.cameras.size());
-  Random random(static_cast<std::uint64_t>(options.seed));
-  std::vector<double> fractions;
-  for (int i = 0; i < kNumAxes * options.num_samples; ++i) {
-    fractions.push_back(random.Uniform(-1.0, 1.0));
-  }
-  std::vector<std::optional<AxisRates>> pair_rates(pairs.size());
+  const Result<RayCaster> caster = RayCaster::Create(map);
+  if (!caster.ok()) return rates;  // no surface, hence no point to compare
+  const std::vector<std::optional<Frame>> frames = ChooseFrames(rig, map, *caster, images, options);
+  const std::vector<Pair> pairs = ChoosePairs(frames, rig);
+  std::vector<std::size_t> camera_of_pair;
+  for (const Pair& pair : pairs) camera_of_pair.push_back(frames[pair.frame]->camera);
+  std::vector<std::optional<Comparison>> comparisons(pairs.size());
   tbb::parallel_for(std::size_t{0}, pairs.size(), [&](std::size_t i) {
-    pair_rates[i] =
-        RatePair(*frames[pairs[i].other], *frames[pairs[i].frame], rig, map, fractions, options);
+    comparisons[i] = MakeComparison(*frames[pairs[i].other], *frames[pairs[i].frame], rig, options);
   });
-  std::vector<AxisRates> sums(rig.cameras.size(), AxisRates{});
-  std::vector<int> counts(rig.cameras.size(), 0);
-  for (std::size_t i = 0; i < pairs.size(); ++i) {
-    if (!pair_rates[i]) continue;
-    const std::size_t camera = frames[pairs[i].frame]->camera;
-    for (int axis = 0; axis < kNumAxes; ++axis) sums[camera][axis] += (*pair_rates[i])[axis];
-    ++counts[camera];
-  }
+  PreferOtherCameras(camera_of_pair, &comparisons);
+  const BandPassImages band_pass = AddImages(frames, pairs, options.smoothing_px, &comparisons);
+  const std::vector<Vector6> optima = FindOptima(comparisons, camera_of_pair, rig.cameras.size());
+  const std::vector<double> fractions = DrawFractions(options);
+  const std::vector<CameraPair> camera_pairs = GroupByCameras(frames, pairs, comparisons);
+  std::vector<PairRates> pair_rates(camera_pairs.size());
+  tbb::parallel_for(std::size_t{0}, camera_pairs.size(), [&](std::size_t i) {
+    pair_rates[i] = RatePair(comparisons, camera_pairs[i].pairs, optima[camera_pairs[i].camera],
+                             fractions, options);
+  });
   for (std::size_t camera = 0; camera < rates.size(); ++camera) {
-    if (counts[camera] == 0) continue;
-    for (double& sum : sums[camera]) sum /= counts[camera];
-    const AxisRates& mean = sums[camera];
+    AxisValues sum = AxisValues::Zero();
+    AxisValues weights = AxisValues::Zero();
+    for (std::size_t i = 0; i < camera_pairs.size(); ++i) {
+      if (camera_pairs[i].camera != camera) continue;
+      sum += pair_rates[i].weights * pair_rates[i].rates;
+      weights += pair_rates[i].weights;
+    }
+    if (!(weights > 0.0).all()) continue;
+    const AxisValues mean = sum / weights;
     // Rotations by axis are about right (pitch), down (yaw) and forward (roll).
     rates[camera] = MiscalibrationRate{mean[0], mean[1], mean[2], mean[5], mean[3], mean[4]};
   }
