@@ -251,6 +251,12 @@ class Finisher {
     quality.rms_after_px = InlierRms(joint, joint_camera, joint.cameras, joint.correction);
     const HeldOutRms held_out = JudgeHeldOut(held_out_tracks, config, joint, joint_camera,
                                              map_.map_from_lidar, caster_, options_);
+    CameraEvidence& evidence = calibration_->evidence.cameras[camera];
+    evidence.num_tracks_by_outcome = joint.evidence[joint_camera].num_tracks_by_outcome;
+    evidence.num_held_out_tracks = held_out.num_tracks;
+    evidence.held_out_before_px = held_out.before_px;
+    evidence.held_out_after_px = held_out.after_px;
+    evidence.residuals = SampleResiduals(joint, joint_camera);
     const CameraParameters& parameters = joint.cameras[joint_camera];
     const Rigid3 result = parameters.LidarFromCamera();
     quality.reasons = Objections(config, quality, joint.evidence[joint_camera], held_out, result,
@@ -349,6 +355,11 @@ Result<RigCalibration> CalibrateRig(const Rig& initial, const SceneMap& map,
       joint_cameras, map.map_from_lidar, *caster, CorrectionPriorOf(map, options.joint), options,
       [&joint_rounds] { return joint_rounds.Tick(); });
   if (!joint.ok()) return joint.status();
+  calibration.evidence.cameras.resize(num_cameras);
+  for (int c = 0; c < num_cameras; ++c) {
+    if (loops[c]->ok()) calibration.evidence.cameras[c].rounds = (*loops[c])->rounds;
+  }
+  AddCrossCameraEvidence(initial, *joint, camera_of_joint, &calibration.evidence);
   const Finisher finisher(initial, map, *caster, options, &calibration);
   for (std::size_t j = 0; j < joint_cameras.size(); ++j) {
     finisher.Finish(*joint, static_cast<int>(j), camera_of_joint[j],

@@ -119,6 +119,7 @@ std::vector<TransferTerm> BuildTerms(const CameraContext& context, const std::ve
     term.plane_point_in_map_m = associations[i].point_in_map_m;
     term.plane_normal_in_map = associations[i].normal_in_map;
     term.plane_sigma_m = std::hypot(options.plane_sigma_floor_m, plane_extra);
+    term.surface = associations[i].kind;
     const Timestamp source_stamp = StampOf(context, reference);
     if (!context.correction->empty()) term.source_place = context.correction->Locate(source_stamp);
     const int num_views = static_cast<int>(track.observations.size());

@@ -11,6 +11,7 @@
 #include "scenecalib/io/trajectory_tum.h"
 #include "scenecalib/mapping/ply.h"
 #include "scenecalib/pipeline/overlays.h"
+#include "scenecalib/pipeline/report.h"
 
 namespace scenecalib {
 namespace {
@@ -33,14 +34,10 @@ Status WriteText(const fs::path& path, const std::string& text) {
   return file ? Status::Ok() : Status::Unavailable("cannot write " + path.string());
 }
 
-Status WriteOverlays(const fs::path& directory, const PipelineResult& result) {
-  const Result<std::vector<CameraOverlays>> overlays =
-      DrawOverlays(result.initial_rig, result.calibration.result.rig, result.mapping.map,
-                   result.segments, kImagesPerOverlay);
-  if (!overlays.ok()) return overlays.status();
+Status WriteOverlays(const fs::path& directory, const std::vector<CameraOverlays>& overlays) {
   std::error_code error;
   fs::create_directories(directory, error);
-  for (const CameraOverlays& camera : *overlays) {
+  for (const CameraOverlays& camera : overlays) {
     for (const bool is_after : {false, true}) {
       const fs::path path = directory / (camera.camera + (is_after ? "_after.png" : "_before.png"));
       if (!cv::imwrite(path.string(), is_after ? camera.after : camera.before,
@@ -50,6 +47,15 @@ Status WriteOverlays(const fs::path& directory, const PipelineResult& result) {
     }
   }
   return Status::Ok();
+}
+
+Status WriteReport(const fs::path& directory, const PipelineResult& result,
+                   const std::vector<CameraOverlays>& overlays) {
+  const Result<ReportData> data = MakeReportData(result, overlays);
+  if (!data.ok()) return data.status();
+  std::error_code error;
+  fs::create_directories(directory, error);
+  return WriteText(directory / "index.html", FormatReportPage(*data));
 }
 
 Status WriteAll(const fs::path& directory, const PipelineResult& result,
@@ -62,7 +68,11 @@ Status WriteAll(const fs::path& directory, const PipelineResult& result,
       WritePly((directory / "ground.ply").string(), map.ground, PlyFormat::kBinary));
   SCENECALIB_RETURN_IF_ERROR(
       WritePly((directory / "surfels.ply").string(), map.surfels, PlyFormat::kBinary));
-  SCENECALIB_RETURN_IF_ERROR(WriteOverlays(directory / "overlays", result));
+  const Result<std::vector<CameraOverlays>> overlays = DrawOverlays(
+      result.initial_rig, result.calibration.result.rig, map, result.segments, kImagesPerOverlay);
+  if (!overlays.ok()) return overlays.status();
+  SCENECALIB_RETURN_IF_ERROR(WriteOverlays(directory / "overlays", *overlays));
+  SCENECALIB_RETURN_IF_ERROR(WriteReport(directory / "report", result, *overlays));
   return WriteCalibration((directory / "calibration.yaml").string(), result.calibration.result);
 }
 

@@ -73,6 +73,10 @@ TEST_F(Artifacts, WriteEveryFileOfARun) {
   EXPECT_TRUE(fs::exists(directory_ / "trajectory.tum"));
   EXPECT_TRUE(fs::exists(directory_ / "overlays" / "front_before.png"));
   EXPECT_TRUE(fs::exists(directory_ / "overlays" / "front_after.png"));
+  const std::string page = Read(directory_ / "report" / "index.html");
+  EXPECT_NE(page.find("</html>"), std::string::npos);
+  EXPECT_NE(page.find("front, after"), std::string::npos);         // its overlay
+  EXPECT_NE(page.find("all cameras, before"), std::string::npos);  // the coloured cloud
   EXPECT_FALSE(fs::exists(directory_ / ".partial"));
 }
 

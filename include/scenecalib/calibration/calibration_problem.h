@@ -8,6 +8,7 @@
 #include "scenecalib/calibration/calibration_result.h"
 #include "scenecalib/calibration/trajectory_correction.h"
 #include "scenecalib/calibration/transfer_error.h"
+#include "scenecalib/mapping/ray_caster.h"
 
 namespace scenecalib {
 
@@ -26,6 +27,7 @@ struct TransferTerm {
   Eigen::Vector3d plane_point_in_map_m = Eigen::Vector3d::Zero();
   Eigen::Vector3d plane_normal_in_map = Eigen::Vector3d::UnitZ();
   double plane_sigma_m = 0.005;
+  SurfaceKind surface = SurfaceKind::kGround;
   Timestamp target_stamp_ns = 0;
   /// W with W^T W = inverse covariance of the residual; set by WhitenTerms.
   Eigen::Matrix2d whitening = Eigen::Matrix2d::Identity();

@@ -4,6 +4,7 @@
 
 #include "scenecalib/base/progress.h"
 #include "scenecalib/base/status.h"
+#include "scenecalib/calibration/calibration_evidence.h"
 #include "scenecalib/calibration/calibration_options.h"
 #include "scenecalib/calibration/calibration_result.h"
 #include "scenecalib/mapping/scene_map.h"
@@ -23,6 +24,7 @@ struct RigCalibration {
   CalibrationResult result;
   std::vector<RayBundle> bundles_before;  ///< a bounded sample
   std::vector<RayBundle> bundles_after;
+  CalibrationEvidence evidence;
 };
 
 /// Calibrates every camera of `initial` against the map (III-B to III-F). `segments` is parallel to

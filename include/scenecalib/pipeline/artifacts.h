@@ -11,7 +11,8 @@ namespace scenecalib {
 std::string FormatReport(const PipelineResult& result);
 
 /// Writes a run's files into `directory` (made when missing): calibration.yaml, trajectory.tum,
-/// ground.ply, surfels.ply, overlays/<camera>_{before,after}.png, report.txt with `report`.
+/// ground.ply, surfels.ply, overlays/<camera>_{before,after}.png, report.txt with `report`,
+/// report/index.html (evaluation/report_page.h).
 /// Everything is written beside first and moved into place at the end, calibration.yaml last: an
 /// earlier result is never lost to a failed run. Unavailable when the disk refuses.
 Status WriteArtifacts(const std::string& directory, const PipelineResult& result,

@@ -1,0 +1,158 @@
+#include "scenecalib/pipeline/report.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+
+namespace scenecalib {
+namespace {
+
+constexpr int kPictureWidth_px = 900;
+constexpr int kImagesShown = 2;  // of those one below the other in an overlay
+constexpr int kJpegQuality = 82;
+constexpr int kImagesPerCameraForColour = 12;
+
+template <typename... Args>
+std::string Format(const char* format, Args... args) {
+  char text[512];
+  std::snprintf(text, sizeof(text), format, args...);
+  return text;
+}
+
+Result<std::vector<unsigned char>> Jpeg(const cv::Mat& image) {
+  std::vector<unsigned char> bytes;
+  if (!cv::imencode(".jpg", image, bytes, {cv::IMWRITE_JPEG_QUALITY, kJpegQuality})) {
+    return Status::Unavailable("report: a picture cannot be encoded as JPEG");
+  }
+  return bytes;
+}
+
+/// The first images of an overlay, at most as wide as a page needs.
+cv::Mat Reduced(const cv::Mat& overlay, int image_height_px) {
+  const int rows = std::min(overlay.rows, kImagesShown * image_height_px);
+  const cv::Mat top = overlay.rowRange(0, rows);
+  if (top.cols <= kPictureWidth_px) return top;
+  cv::Mat reduced;
+  const double scale = static_cast<double>(kPictureWidth_px) / top.cols;
+  cv::resize(top, reduced, cv::Size(), scale, scale, cv::INTER_AREA);
+  return reduced;
+}
+
+/// Where to look at the cloud from: behind and above the middle of the drive, along it.
+Rigid3 ViewOf(const Trajectory& map_from_lidar) {
+  constexpr double kBack_m = 14.0;
+  constexpr double kUp_m = 7.0;
+  constexpr double kDown_rad = 0.35;
+  const std::vector<TimedPose>& poses = map_from_lidar.poses();
+  const Rigid3& middle = poses[poses.size() / 2].map_from_lidar;
+  Eigen::Vector3d along = poses.back().map_from_lidar.translation - middle.translation;
+  along.z() = 0.0;
+  along = along.norm() > 1e-3 ? along.normalized() : Eigen::Vector3d::UnitX();
+  const Eigen::Vector3d forward =
+      std::cos(kDown_rad) * along - std::sin(kDown_rad) * Eigen::Vector3d::UnitZ();
+  const Eigen::Vector3d right = forward.cross(Eigen::Vector3d::UnitZ()).normalized();
+  Eigen::Matrix3d rotation;
+  rotation << right, forward.cross(right), forward;
+  return Rigid3(Eigen::Quaterniond(rotation),
+                middle.translation - kBack_m * along + kUp_m * Eigen::Vector3d::UnitZ());
+}
+
+/// Coloured points as squares, the nearest on top.
+cv::Mat DrawCloud(const std::vector<MapPoint>& points, const std::vector<int>& colours,
+                  const Rigid3& map_from_view) {
+  constexpr int kHeight_px = 560;
+  constexpr double kFocal_px = 620.0;
+  constexpr double kPointEdge_m = 0.14;
+  cv::Mat canvas(kHeight_px, kPictureWidth_px, CV_8UC3, cv::Scalar(250, 248, 246));
+  cv::Mat depth_m(canvas.size(), CV_32FC1, cv::Scalar(std::numeric_limits<float>::max()));
+  const Rigid3 view_from_map = map_from_view.Inverse();
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (colours[i] < 0) continue;
+    const Eigen::Vector3d p = view_from_map * points[i].position_m.cast<double>();
+    if (p.z() < 2.0) continue;
+    const int x = static_cast<int>(0.5 * kPictureWidth_px + kFocal_px * p.x() / p.z());
+    const int y = static_cast<int>(0.5 * kHeight_px + kFocal_px * p.y() / p.z());
+    const int half = std::max(1, static_cast<int>(0.5 * kPointEdge_m * kFocal_px / p.z()));
+    const cv::Rect square =
+        cv::Rect(x - half, y - half, 2 * half, 2 * half) & cv::Rect(cv::Point(), canvas.size());
+    const cv::Vec3b bgr(static_cast<unsigned char>(colours[i] & 255),
+                        static_cast<unsigned char>(colours[i] >> 8 & 255),
+                        static_cast<unsigned char>(colours[i] >> 16 & 255));
+    for (int row = square.y; row < square.y + square.height; ++row) {
+      for (int column = square.x; column < square.x + square.width; ++column) {
+        float& nearest = depth_m.at<float>(row, column);
+        if (static_cast<float>(p.z()) >= nearest) continue;
+        nearest = static_cast<float>(p.z());
+        canvas.at<cv::Vec3b>(row, column) = bgr;
+      }
+    }
+  }
+  return canvas;
+}
+
+Result<ReportPicture> Encode(const std::string& caption, const cv::Mat& before,
+                             const cv::Mat& after) {
+  const auto before_jpeg = Jpeg(before);
+  if (!before_jpeg.ok()) return before_jpeg.status();
+  const auto after_jpeg = Jpeg(after);
+  if (!after_jpeg.ok()) return after_jpeg.status();
+  return ReportPicture{caption, *before_jpeg, *after_jpeg};
+}
+
+std::vector<std::string> Facts(const PipelineResult& result) {
+  const MappingReport& mapping = result.mapping.report;
+  return {
+      Format("%d of %d scans used, %.1f m travelled, IMU %s, odometry %s.", mapping.num_scans_used,
+             mapping.num_scans_in, mapping.path_length_m, mapping.used_imu ? "used" : "not used",
+             mapping.used_odometry ? "used" : "not used"),
+      Format("%zu surfels, %zu ground triangles; %d points of moving objects were removed.",
+             result.mapping.map.surfels.size(), result.mapping.map.ground.triangles.size(),
+             mapping.num_points_moving)};
+}
+
+}  // namespace
+
+Result<ReportData> MakeReportData(const PipelineResult& result,
+                                  const std::vector<CameraOverlays>& overlays) {
+  ReportData data;
+  data.initial = result.initial_rig;
+  data.result = result.calibration.result;
+  data.evidence = result.calibration.evidence;
+  data.map_from_lidar = result.mapping.map.map_from_lidar;
+  data.facts = Facts(result);
+  for (const StageCost& cost : result.costs) {
+    data.stages.push_back({cost.stage, cost.wall_s, cost.peak_memory_mib});
+  }
+  for (const CameraSegment& segment : result.segments) {
+    data.warnings.insert(data.warnings.end(), segment.warnings.begin(), segment.warnings.end());
+  }
+  const std::vector<std::string>& of_map = result.mapping.report.warnings;
+  data.warnings.insert(data.warnings.end(), of_map.begin(), of_map.end());
+  data.warnings.insert(data.warnings.end(), result.warnings.begin(), result.warnings.end());
+  for (const CameraOverlays& camera : overlays) {
+    int height_px = camera.before.rows;
+    for (const CameraConfig& config : data.initial.cameras) {
+      if (config.name == camera.camera) height_px = config.model->height_px();
+    }
+    const auto picture =
+        Encode(camera.camera, Reduced(camera.before, height_px), Reduced(camera.after, height_px));
+    if (!picture.ok()) return picture.status();
+    data.overlays.push_back(*picture);
+  }
+  const SceneMap& map = result.mapping.map;
+  if (map.map_from_lidar.empty() || map.points.empty()) return data;
+  const Rigid3 view = ViewOf(map.map_from_lidar);
+  const auto cloud = [&](const Rig& rig) {
+    return DrawCloud(map.points, ColourMap(rig, map, result.segments, kImagesPerCameraForColour),
+                     view);
+  };
+  const auto picture = Encode("all cameras", cloud(data.initial), cloud(data.result.rig));
+  if (!picture.ok()) return picture.status();
+  data.clouds.push_back(*picture);
+  return data;
+}
+
+}  // namespace scenecalib
