@@ -5,7 +5,6 @@
 #include <Eigen/SparseCore>
 #include <cmath>
 #include <map>
-#include <optional>
 
 #include "problem_assembly.h"
 #include "scenecalib/calibration/calibration_problem.h"
@@ -57,94 +56,68 @@ Eigen::MatrixXd ScoresByBlock(const std::vector<TransferTerm>& terms, const Spar
   return columns;
 }
 
-/// Where each parameter block begins among the columns of a Jacobian, and which columns are not
-/// solved for but in doubt.
-struct Columns {
-  std::map<const double*, Eigen::Index> solved;  ///< first column among the solved ones
-  SparseMatrix select_solved;                    ///< all columns x solved ones
-  SparseMatrix select_doubted;                   ///< all columns x doubted ones, times their sigma
-};
-
-Columns SplitColumns(const CalibrationProblem& p, const AssembledProblem& assembled) {
-  std::map<const double*, Eigen::Vector3d> doubted;
-  for (std::size_t c = 0; c < p.doubt_held_intrinsics.size(); ++c) {
-    if (p.doubt_held_intrinsics[c]) {
-      doubted[(*p.cameras)[c].intrinsics.data()] = p.priors[c].IntrinsicsStddev();
-    }
+/// First column of every parameter block of a Jacobian.
+std::map<const double*, Eigen::Index> FirstColumns(const AssembledProblem& assembled) {
+  std::map<const double*, Eigen::Index> first;
+  Eigen::Index column = 0;
+  for (const double* block : assembled.blocks) {
+    first[block] = column;
+    column += assembled.problem->ParameterBlockSize(block);
   }
-  using Entry = Eigen::Triplet<double>;
-  std::vector<Entry> solved_entries;
-  std::vector<Entry> doubted_entries;
-  Columns columns;
-  int column = 0;
-  int num_solved = 0;
-  int num_doubted = 0;
-  for (double* block : assembled.blocks) {
-    const int size = assembled.problem->ParameterBlockSize(block);
-    const auto doubt = doubted.find(block);
-    if (doubt == doubted.end()) columns.solved[block] = num_solved;
-    for (int k = 0; k < size; ++k, ++column) {
-      if (doubt == doubted.end()) {
-        solved_entries.emplace_back(column, num_solved++, 1.0);
-      } else {
-        doubted_entries.emplace_back(column, num_doubted++, doubt->second[k]);
-      }
-    }
-  }
-  columns.select_solved.resize(column, num_solved);
-  columns.select_solved.setFromTriplets(solved_entries.begin(), solved_entries.end());
-  columns.select_doubted.resize(column, num_doubted);
-  columns.select_doubted.setFromTriplets(doubted_entries.begin(), doubted_entries.end());
-  return columns;
+  return first;
 }
 
-/// Largest of two covariances' standard deviations, axis by axis, after turning into other axes,
-/// with what doubted parameters add to either.
+/// The priors' Jacobian as the errors of the prior spread: those of the intrinsics are
+/// `intrinsics_weight` times as large as the solve took them to be.
+SparseMatrix SpreadOfPriors(const CalibrationProblem& p, SparseMatrix prior,
+                            const std::map<const double*, Eigen::Index>& first_columns) {
+  std::vector<bool> is_intrinsic(prior.cols(), false);
+  for (const CameraParameters& camera : *p.cameras) {
+    const auto found = first_columns.find(camera.intrinsics.data());
+    if (found == first_columns.end()) continue;
+    for (int k = 0; k < 3; ++k) is_intrinsic[found->second + k] = true;
+  }
+  for (Eigen::Index row = 0; row < prior.rows(); ++row) {
+    for (SparseMatrix::InnerIterator it(prior, row); it; ++it) {
+      if (is_intrinsic[it.col()]) it.valueRef() *= p.intrinsics_prior_weight;
+    }
+  }
+  return prior;
+}
+
+/// Largest of two covariances' standard deviations, axis by axis, after turning into other axes.
 Eigen::Vector3d LargerStddev(const Eigen::Matrix3d& formal, const Eigen::Matrix3d& sandwich,
-                             const Eigen::Matrix3d& by_doubt,
                              const Eigen::Matrix3d& target_from_source) {
   const auto diagonal = [&target_from_source](const Eigen::Matrix3d& covariance) {
     return Eigen::Vector3d(
         (target_from_source * covariance * target_from_source.transpose()).diagonal());
   };
-  const Eigen::Vector3d variance =
-      diagonal(formal).cwiseMax(diagonal(sandwich)) + diagonal(by_doubt);
-  return variance.cwiseMax(0.0).cwiseSqrt();
+  return diagonal(formal).cwiseMax(diagonal(sandwich)).cwiseMax(0.0).cwiseSqrt();
 }
 
 }  // namespace
 
-Result<std::vector<CameraStddev>> CalibrationProblem::EstimateStddev(
-    std::optional<double> block_s) const {
-  std::vector<bool> held = hold_intrinsics;
-  for (std::size_t c = 0; c < doubt_held_intrinsics.size() && c < held.size(); ++c) {
-    held[c] = held[c] && !doubt_held_intrinsics[c];
-  }
-  const AssembledProblem assembled = AssembleProblem(*this, held);
-  const Columns columns = SplitColumns(*this, assembled);
-  SparseMatrix all_data;
-  SparseMatrix all_prior;
+Result<std::vector<CameraStddev>> CalibrationProblem::EstimateStddev(double block_s) const {
+  const AssembledProblem assembled = AssembleProblem(*this);
+  const std::map<const double*, Eigen::Index> first_columns = FirstColumns(assembled);
+  SparseMatrix data;
+  SparseMatrix prior;
   Eigen::VectorXd residuals;
   Eigen::VectorXd prior_residuals;
-  if (!EvaluateBlocks(assembled, assembled.terms, &all_data, &residuals) ||
-      !EvaluateBlocks(assembled, assembled.priors, &all_prior, &prior_residuals)) {
+  if (!EvaluateBlocks(assembled, assembled.terms, &data, &residuals) ||
+      !EvaluateBlocks(assembled, assembled.priors, &prior, &prior_residuals)) {
     return Status::NumericalFailure("residuals cannot be evaluated at the solution");
   }
-  const SparseMatrix data = all_data * columns.select_solved;
-  const SparseMatrix prior = all_prior * columns.select_solved;
   const ColumnMatrix information =
       ColumnMatrix(data.transpose() * data) + ColumnMatrix(prior.transpose() * prior);
   const Eigen::SimplicialLDLT<ColumnMatrix> factor(information);
   if (factor.info() != Eigen::Success) {
     return Status::NumericalFailure("the normal equations are singular");
   }
-  // Sandwich H^-1 (sum_b g_b g_b^T + P^T P) H^-1: the spread of the scores over blocks of time.
-  const Eigen::MatrixXd influence =
-      block_s ? Eigen::MatrixXd(factor.solve(ScoresByBlock(terms, data, residuals, *block_s)))
-              : Eigen::MatrixXd::Zero(data.cols(), 0);
-  // What one sigma of each doubted parameter moves the solution by.
-  const Eigen::MatrixXd doubt = factor.solve(
-      Eigen::MatrixXd(data.transpose() * SparseMatrix(all_data * columns.select_doubted)));
+  // Sandwich H^-1 (sum_b g_b g_b^T + Q^T Q) H^-1: the spread of the scores over blocks of time, and
+  // of the priors.
+  const Eigen::MatrixXd influence = factor.solve(ScoresByBlock(terms, data, residuals, block_s));
+  const SparseMatrix prior_spread = SpreadOfPriors(*this, prior, first_columns);
 
   std::vector<CameraStddev> result(cameras->size());
   for (std::size_t c = 0; c < cameras->size(); ++c) {
@@ -153,30 +126,23 @@ Result<std::vector<CameraStddev>> CalibrationProblem::EstimateStddev(
     const auto stddev_of = [&](const double* block, int size, const Eigen::Matrix3d& turn) {
       Eigen::Matrix3d formal = Eigen::Matrix3d::Zero();
       Eigen::Matrix3d sandwich = Eigen::Matrix3d::Zero();
-      Eigen::Matrix3d by_doubt = Eigen::Matrix3d::Zero();
-      const auto found = columns.solved.find(block);
-      if (found == columns.solved.end()) return Eigen::Vector3d(0.0, 0.0, 0.0);
+      const auto found = first_columns.find(block);
+      if (found == first_columns.end()) return Eigen::Vector3d(0.0, 0.0, 0.0);
       const Eigen::Index column = found->second;
       Eigen::MatrixXd unit = Eigen::MatrixXd::Zero(data.cols(), size);
       unit.middleRows(column, size).setIdentity();
       const Eigen::MatrixXd inverse = factor.solve(unit);
       const Eigen::MatrixXd spread = influence.middleRows(column, size);
-      const Eigen::MatrixXd prior_share = prior * inverse;
-      const Eigen::MatrixXd doubt_share = doubt.middleRows(column, size);
+      const Eigen::MatrixXd prior_share = prior_spread * inverse;
       formal.topLeftCorner(size, size) = inverse.middleRows(column, size);
-      if (block_s) {
-        sandwich.topLeftCorner(size, size) =
-            spread * spread.transpose() + prior_share.transpose() * prior_share;
-      }
-      by_doubt.topLeftCorner(size, size) = doubt_share * doubt_share.transpose();
-      return LargerStddev(formal, sandwich, by_doubt, turn);
+      sandwich.topLeftCorner(size, size) =
+          spread * spread.transpose() + prior_share.transpose() * prior_share;
+      return LargerStddev(formal, sandwich, turn);
     };
     const Eigen::Matrix3d same = Eigen::Matrix3d::Identity();
     result[c].rotation_rad = stddev_of(camera.rotation_delta_rad.data(), 3, camera_from_lidar);
     result[c].translation_m = stddev_of(camera.translation_delta_m.data(), 3, camera_from_lidar);
-    const Eigen::Vector3d intrinsics = c < doubt_held_intrinsics.size() && doubt_held_intrinsics[c]
-                                           ? priors[c].IntrinsicsStddev()
-                                           : stddev_of(camera.intrinsics.data(), 3, same);
+    const Eigen::Vector3d intrinsics = stddev_of(camera.intrinsics.data(), 3, same);
     result[c].focal_scale = intrinsics[0];
     result[c].principal_point_px = intrinsics.tail<2>();
     result[c].time_offset_s = stddev_of(&camera.time_offset_delta_s, 1, same)[0];

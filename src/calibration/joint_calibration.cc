@@ -14,6 +14,8 @@ namespace {
 constexpr double kRadPerDeg = 0.017453292519943295;
 constexpr double kMinResidualSigma = 0.3;
 constexpr double kStddevBlock_s = 1.0;
+/// A principal point that is not known better than this share of its prior was not shown.
+constexpr double kUnresolvedShare = 0.5;
 
 CameraContext ContextOf(const JointCalibration& joint, int camera, const Trajectory& trajectory) {
   CameraContext context;
@@ -65,10 +67,10 @@ CalibrationProblem MakeProblem(JointCalibration* joint, const std::vector<JointC
   for (const JointCamera& camera : cameras) {
     problem.priors.push_back(InitialPrior(*camera.config, options.prior));
   }
-  problem.free.intrinsics = !options.hold_intrinsics;
   problem.free.time_offset = options.estimate_time_offset;
   problem.free.correction = options.joint.correct_trajectory;
   problem.correction_prior = correction_prior;
+  problem.intrinsics_prior_weight = options.prior.formal_optimism;
   return problem;
 }
 
@@ -80,23 +82,14 @@ void FoldDeltas(JointCalibration* joint) {
   }
 }
 
-/// Decides at the poses found so far which cameras' intrinsics this drive can show. Principal point
-/// and rotation trade off almost freely on a straight drive; there, small errors of the map would
-/// move both far along that direction, by many of their formal standard deviations.
-Status HoldUnresolvedIntrinsics(const CalibrationOptions& options, CalibrationProblem* problem,
-                                JointCalibration* joint) {
-  problem->hold_intrinsics.clear();
-  const Result<std::vector<CameraStddev>> formal = problem->EstimateStddev(std::nullopt);
-  if (!formal.ok()) return formal.status();
+/// Whether the drive showed the intrinsics better than their priors say.
+void JudgeIntrinsics(const CalibrationProblem& problem, JointCalibration* joint) {
   for (std::size_t c = 0; c < joint->cameras.size(); ++c) {
-    const Eigen::Array2d known_px =
-        options.prior.formal_optimism * (*formal)[c].principal_point_px.array();
     joint->evidence[c].intrinsics_unresolved =
-        (known_px > problem->priors[c].principal_point_px.array()).any();
-    problem->hold_intrinsics.push_back(joint->evidence[c].intrinsics_unresolved);
+        (joint->stddev[c].principal_point_px.array() >
+         kUnresolvedShare * problem.priors[c].principal_point_px.array())
+            .any();
   }
-  problem->doubt_held_intrinsics = problem->hold_intrinsics;
-  return Status::Ok();
 }
 
 /// Registers the inlier tracks of one camera again, now that their planes, the trajectory and a
@@ -174,10 +167,11 @@ Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& camera
   }
   joint.evidence.resize(cameras.size());
   CalibrationProblem problem = MakeProblem(&joint, cameras, correction_prior, options);
-  problem.hold_intrinsics.assign(cameras.size(), true);  // until the poses are good
   for (int round = 0; round < options.joint.num_rounds; ++round) {
     joint.terms.clear();
     problem.time_offset_s = joint.time_offset_s;
+    problem.free.intrinsics =
+        !options.hold_intrinsics && round > 0;  // not until the poses are good
     for (std::size_t c = 0; c < cameras.size(); ++c) {
       const std::vector<TransferTerm> terms =
           CollectTerms(&joint, static_cast<int>(c), map_from_lidar, caster, options);
@@ -193,11 +187,9 @@ Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& camera
       Result<std::vector<CameraStddev>> stddev = problem.EstimateStddev(kStddevBlock_s);
       if (!stddev.ok()) return stddev.status();
       joint.stddev = *stddev;
+      if (!options.hold_intrinsics) JudgeIntrinsics(problem, &joint);
     }
     FoldDeltas(&joint);
-    if (round == 0 && !options.hold_intrinsics) {
-      SCENECALIB_RETURN_IF_ERROR(HoldUnresolvedIntrinsics(options, &problem, &joint));
-    }
     if (options.joint.register_through_map && round + 1 < options.joint.num_rounds) {
       for (std::size_t c = 0; c < cameras.size(); ++c) {
         SCENECALIB_RETURN_IF_ERROR(RegisterAgain(cameras[c], static_cast<int>(c), joint.terms,

@@ -50,7 +50,8 @@ void AddCameraPriors(const CalibrationProblem& p, AssembledProblem* assembled) {
              AlongCamera(prior.translation_m, prior.initial_lidar_from_camera),
              camera.translation_delta_m.data());
     AddPrior(assembled, prior.initial_intrinsics,
-             prior.IntrinsicsStddev().cwiseInverse().asDiagonal().toDenseMatrix(),
+             p.intrinsics_prior_weight *
+                 prior.IntrinsicsStddev().cwiseInverse().asDiagonal().toDenseMatrix(),
              camera.intrinsics.data());
     AddPrior(
         assembled, Eigen::VectorXd::Constant(1, prior.initial_time_offset_s - p.time_offset_s[c]),
@@ -78,8 +79,7 @@ void AddCorrectionPriors(const CalibrationProblem& p, AssembledProblem* assemble
 
 }  // namespace
 
-AssembledProblem AssembleProblem(const CalibrationProblem& p,
-                                 const std::vector<bool>& hold_intrinsics) {
+AssembledProblem AssembleProblem(const CalibrationProblem& p) {
   AssembledProblem assembled;
   assembled.problem = std::make_unique<ceres::Problem>();
   // Whitened residuals are divided by their estimated sigma, so that the robust loss and the priors
@@ -92,12 +92,6 @@ AssembledProblem AssembleProblem(const CalibrationProblem& p,
   }
   AddCameraPriors(p, &assembled);
   if (p.free.correction) AddCorrectionPriors(p, &assembled);
-  for (std::size_t c = 0; c < hold_intrinsics.size(); ++c) {
-    double* block = (*p.cameras)[c].intrinsics.data();
-    if (hold_intrinsics[c] && assembled.problem->HasParameterBlock(block)) {
-      assembled.problem->SetParameterBlockConstant(block);
-    }
-  }
   const auto keep = [&assembled](double* block) {
     if (assembled.problem->HasParameterBlock(block)) assembled.blocks.push_back(block);
   };
@@ -105,7 +99,7 @@ AssembledProblem AssembleProblem(const CalibrationProblem& p,
     CameraParameters& camera = (*p.cameras)[c];
     keep(camera.rotation_delta_rad.data());
     keep(camera.translation_delta_m.data());
-    if (c >= hold_intrinsics.size() || !hold_intrinsics[c]) keep(camera.intrinsics.data());
+    keep(camera.intrinsics.data());
     keep(&camera.time_offset_delta_s);
   }
   if (p.free.correction) {

@@ -17,11 +17,6 @@ struct AssembledProblem {
   std::vector<double*> blocks;  ///< the free ones: cameras in their order, then knots
 };
 
-/// `hold_intrinsics` instead of the problem's own.
-AssembledProblem AssembleProblem(const CalibrationProblem& problem,
-                                 const std::vector<bool>& hold_intrinsics);
-inline AssembledProblem AssembleProblem(const CalibrationProblem& problem) {
-  return AssembleProblem(problem, problem.hold_intrinsics);
-}
+AssembledProblem AssembleProblem(const CalibrationProblem& problem);
 
 }  // namespace scenecalib

@@ -272,8 +272,8 @@ class Finisher {
       quality.reasons = WeakDirections(quality.stddev, options_.acceptance);
       if (joint.evidence[joint_camera].intrinsics_unresolved) {
         quality.reasons.push_back(
-            "intrinsics held at their initial values: this drive does not tell the principal point "
-            "from the rotation; drive curves to refine them");
+            "principal point stays near its initial value: this drive does not tell it from the "
+            "rotation; drive curves to refine it");
       }
     }
     Append(SampleBundles(camera, joint.terms, joint_camera, initial_cameras[joint_camera], none),

@@ -85,8 +85,9 @@ struct PriorOptions {
     v.Field("time_offset_s", &time_offset_s, {1e-6, 1.0}, "of the time offset");
     v.Field(
         "formal_optimism", &formal_optimism, {1.0, 1000.0},
-        "by how much the formal covariance may be too small; a camera's intrinsics are held when "
-        "the data, so corrected, know its principal point less well than the prior does");
+        "by how much the formal covariance of the data may be too small: the prior of the "
+        "intrinsics counts as so many times tighter, so that small errors of the map, which cost "
+        "the data almost nothing, do not move principal point and rotation against each other");
   }
 };
 

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <optional>
 #include <vector>
 
 #include "scenecalib/base/status.h"
@@ -85,11 +84,9 @@ struct CalibrationProblem {
   CorrectionPrior correction_prior;
   std::vector<TransferTerm> terms;
   FreeParameters free;
-  /// Cameras whose intrinsics stay although `free` would let them go; empty means none.
-  std::vector<bool> hold_intrinsics;
-  /// Held intrinsics that are not known better than their prior says, which the standard deviations
-  /// then take into account; empty means none.
-  std::vector<bool> doubt_held_intrinsics;
+  /// The intrinsics' prior counts as so many times tighter than it is: as much as the data's formal
+  /// covariance may be too small (PriorOptions::formal_optimism).
+  double intrinsics_prior_weight = 1.0;
   double loss_scale = 2.0;      ///< Cauchy, in units of the whitened residual's sigma
   double residual_sigma = 1.0;  ///< what one unit of whitened residual is worth (estimated)
   int max_iterations = 30;
@@ -99,9 +96,8 @@ struct CalibrationProblem {
 
   /// Standard deviations of every camera at the present parameters, parallel to cameras. The larger
   /// of the formal covariance and of a sandwich estimate over blocks of time, which sees errors
-  /// that the terms of one stretch of road share; or the formal one alone when block_s is none.
-  /// Held intrinsics in doubt add what their prior's standard deviation does to the others.
-  Result<std::vector<CameraStddev>> EstimateStddev(std::optional<double> block_s) const;
+  /// that the terms of one stretch of road share. What the data does not show has its prior's.
+  Result<std::vector<CameraStddev>> EstimateStddev(double block_s) const;
 };
 
 /// Sets each term's whitening from the pixel covariances carried through the transfer and the

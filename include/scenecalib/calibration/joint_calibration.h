@@ -25,7 +25,7 @@ struct JointCameraEvidence {
   /// Matches of other cameras' points in this one's images that agree with the result.
   int num_cross_camera_matches = 0;
   double cross_camera_sigma = 1.0;  ///< of their whitened residuals
-  /// True when the drive does not resolve the principal point, so that the intrinsics were held.
+  /// True when the drive does not resolve the principal point, which then stays near its prior.
   bool intrinsics_unresolved = false;
 };
 
