@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "cross_camera_terms.h"
+#include "patch_support.h"
 #include "scenecalib/geometry/so3.h"
 #include "scenecalib/tracking/map_guided_registration.h"
 
@@ -93,10 +94,10 @@ void JudgeIntrinsics(const CalibrationProblem& problem, JointCalibration* joint)
 }
 
 /// Registers the inlier tracks of one camera again, now that their planes, the trajectory and a
-/// calibration are known. Tracks without a plane stay as they are.
+/// calibration are known. Tracks without a plane, or at the edge of one, stay as they are.
 Status RegisterAgain(const JointCamera& camera, int index, const std::vector<TransferTerm>& terms,
-                     const Trajectory& trajectory, const CalibrationOptions& options,
-                     JointCalibration* joint) {
+                     const Trajectory& trajectory, const RayCaster& caster,
+                     const CalibrationOptions& options, JointCalibration* joint) {
   const CameraParameters& parameters = joint->cameras[index];
   const auto model = camera.config->model->WithTunable(parameters.Intrinsics());
   if (!model.ok()) return model.status();
@@ -112,14 +113,31 @@ Status RegisterAgain(const JointCamera& camera, int index, const std::vector<Tra
     map_from_camera[image.first] = joint->correction.Apply(*pose, stamp_ns) * lidar_from_camera;
   }
   std::vector<Track>& tracks = joint->tracks[index];
+  std::vector<int> candidates;
+  std::vector<PatchOnSurface> patches;
+  for (const TransferTerm& term : terms) {
+    if (term.target_camera != index || (!candidates.empty() && candidates.back() == term.track)) {
+      continue;
+    }
+    const Track& track = tracks[term.track];
+    const auto pose = map_from_camera.find(track.observations[track.reference].stamp_ns);
+    if (pose == map_from_camera.end()) continue;
+    candidates.push_back(term.track);
+    patches.push_back({track.observations[track.reference].pixel,
+                       pose->second,
+                       {term.plane_point_in_map_m, term.plane_normal_in_map}});
+  }
+  const std::vector<int> radii =
+      RadiiOnPlane(patches, **model, caster, options.map_guided.radius_px);
   std::vector<int> indices;
   std::vector<Track> tied;
   std::vector<TrackPlane> planes;
-  for (const TransferTerm& term : terms) {
-    if (term.target_camera != index || (!indices.empty() && indices.back() == term.track)) continue;
-    indices.push_back(term.track);
-    tied.push_back(tracks[term.track]);
-    planes.push_back({term.plane_point_in_map_m, term.plane_normal_in_map});
+  for (std::size_t i = 0; i < candidates.size(); ++i) {
+    if (radii[i] == 0) continue;
+    indices.push_back(candidates[i]);
+    tied.push_back(tracks[candidates[i]]);
+    planes.push_back(patches[i].plane);
+    planes.back().radius_px = radii[i];
   }
   MapGuidedTracks registered = RegisterThroughMap(tied, planes, **model, map_from_camera,
                                                   camera.segment->images, options.map_guided);
@@ -193,7 +211,7 @@ Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& camera
     if (options.joint.register_through_map && round + 1 < options.joint.num_rounds) {
       for (std::size_t c = 0; c < cameras.size(); ++c) {
         SCENECALIB_RETURN_IF_ERROR(RegisterAgain(cameras[c], static_cast<int>(c), joint.terms,
-                                                 map_from_lidar, options, &joint));
+                                                 map_from_lidar, caster, options, &joint));
       }
     }
     if (round + 1 < options.joint.num_rounds) {

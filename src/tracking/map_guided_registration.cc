@@ -141,10 +141,12 @@ class GuidedTrack {
     const auto pose = map_from_camera_.find(reference_->stamp_ns);
     const auto image = images_.find(reference_->stamp_ns);
     if (pose == map_from_camera_.end() || image == images_.end()) return false;
-    on_plane_ = LayOnPlane(model_, plane_, pose->second, reference_->pixel, options_.radius_px);
+    const int radius_px =
+        plane_.radius_px > 0 ? std::min(plane_.radius_px, options_.radius_px) : options_.radius_px;
+    on_plane_ = LayOnPlane(model_, plane_, pose->second, reference_->pixel, radius_px);
     if (!on_plane_) return false;
-    patch_ = PatchTemplate::Create(image->second, reference_->pixel, options_.radius_px,
-                                   WarpFreedom::kShift);
+    patch_ =
+        PatchTemplate::Create(image->second, reference_->pixel, radius_px, WarpFreedom::kShift);
     return patch_.has_value();
   }
 

@@ -19,6 +19,8 @@ namespace scenecalib {
 struct TrackPlane {
   Eigen::Vector3d point_in_map_m = Eigen::Vector3d::Zero();
   Eigen::Vector3d normal_in_map = Eigen::Vector3d::UnitZ();  ///< unit, either side
+  /// Half edge of the patch of the reference view that shows this surface alone; 0: not known.
+  int radius_px = 0;
 };
 
 struct MapGuidedOptions {
