@@ -29,6 +29,9 @@ constexpr std::array<double, 4> kMaxRms_m = {0.004, 0.005, 0.006, 0.006};
 constexpr double kMaxColumnOffset_m = 0.012;
 /// A triangle farther from its column's plane is another surface.
 constexpr double kMaxDistance_m = 0.015;
+/// The plane's height is that of the square of this half-width, 1 m: on a cambered road the mean of
+/// 3 m lies below the road everywhere, and all cameras of the vehicle with it.
+constexpr int kHeightHalfWidth = 2;
 /// A square has to be this full of columns on the plane, so that a fit does not lean over a hole or
 /// an edge. The smallest one may lie along a kerb.
 constexpr double kMinFill = 0.7;
@@ -167,6 +170,19 @@ class ColumnGrid {
     return plane;
   }
 
+  /// Height of the mesh next to the column over the plane, along its normal.
+  double HeightOver(const MeshPlane& plane, const Column& center) const {
+    HeightMoments moments;
+    VisitSquare(center, kHeightHalfWidth, [&](const Column& column) {
+      if (column.moments.weight <= 0.0) return;
+      const Eigen::Vector3d mean = column.moments.sum / column.moments.weight;
+      if (std::abs(plane.normal.dot(mean - plane.point_m)) > kMaxColumnOffset_m) return;
+      moments.Add(column.moments);
+    });
+    if (moments.weight <= 0.0) return 0.0;
+    return plane.normal.dot(moments.sum / moments.weight - plane.point_m);
+  }
+
   /// A level plane through the column, or with the slope of what lies around it.
   std::vector<MeshPlane> Guesses(const Column& column) const {
     HeightMoments around;
@@ -191,7 +207,7 @@ class ColumnGrid {
         if (wider) plane = *wider;
       }
       if (!plane.planar) continue;
-      plane.point_m += origin_m_;
+      plane.point_m += origin_m_ + HeightOver(plane, *column) * plane.normal;
       column->plane = plane;
       return;
     }
@@ -231,12 +247,7 @@ std::vector<MeshPlane> FitMeshPlanes(const TriangleMesh& mesh) {
     const MeshPlane& fit = grid.plane(column_of_triangle[i]);
     if (!fit.planar) continue;
     const double distance_m = fit.normal.dot(planes[i].point_m - fit.point_m);
-    if (std::abs(distance_m) > kMaxDistance_m) continue;
-    // Through the mesh, not through the mean height of metres around: on a cambered road that lies
-    // below it everywhere, and all cameras of the vehicle with it.
-    const Eigen::Vector3d centroid = planes[i].point_m;
-    planes[i] = fit;
-    planes[i].point_m = centroid;
+    if (std::abs(distance_m) <= kMaxDistance_m) planes[i] = fit;
   }
   return planes;
 }
