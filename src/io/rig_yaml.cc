@@ -112,35 +112,52 @@ CameraModelPtr Intrinsics(const YamlReader& reader) {
   return nullptr;
 }
 
-void CheckAxes(const YamlReader& reader) {
-  const std::vector<std::string> axes = {"x", "y", "z", "roll", "pitch", "yaw"};
-  reader.CheckKeys(axes);
-  for (const std::string& axis : axes) reader.Child(axis).AnyNumber();
+MiscalibrationRate Rate(const YamlReader& reader) {
+  reader.CheckKeys({"x", "y", "z", "roll", "pitch", "yaw"});
+  const auto at = [&reader](const char* axis) { return reader.Child(axis).AnyNumber(); };
+  return {at("x"), at("y"), at("z"), at("roll"), at("pitch"), at("yaw")};
 }
 
-/// The form of a camera's quality block; its numbers are an earlier run's and not used.
-void CheckCameraQuality(const YamlReader& reader) {
+CameraStddev Stddev(const YamlReader& reader) {
+  reader.CheckKeys(
+      {"translation_m", "rotation_rad", "focal_scale", "principal_point_px", "time_offset_s"});
+  CameraStddev stddev;
+  const std::vector<double> translation = reader.Child("translation_m").AnyNumbers(3);
+  const std::vector<double> rotation = reader.Child("rotation_rad").AnyNumbers(3);
+  const std::vector<double> center = reader.Child("principal_point_px").AnyNumbers(2);
+  stddev.focal_scale = reader.Child("focal_scale").AnyNumber();
+  stddev.time_offset_s = reader.Child("time_offset_s").AnyNumber();
+  if (!reader.status().ok()) return stddev;
+  stddev.translation_m = Eigen::Vector3d(translation.data());
+  stddev.rotation_rad = Eigen::Vector3d(rotation.data());
+  stddev.principal_point_px = Eigen::Vector2d(center.data());
+  return stddev;
+}
+
+/// A camera's quality block: an earlier run's.
+CameraQuality Quality(const YamlReader& reader) {
   reader.CheckKeys({"accepted", "reasons", "num_tracks", "num_inlier_tracks",
                     "num_cross_camera_matches", "rms_before_px", "rms_after_px", "stddev",
                     "miscalibration_rate_before", "miscalibration_rate_after"});
-  reader.Child("accepted").Boolean();
-  reader.Child("reasons").Strings();
-  for (const char* count : {"num_tracks", "num_inlier_tracks", "num_cross_camera_matches"}) {
-    reader.Child(count).Integer({0.0, 2147483647.0});
+  const auto count = [&reader](const char* key) {
+    return reader.Child(key).Integer({0.0, 2147483647.0});
+  };
+  CameraQuality quality;
+  quality.accepted = reader.Child("accepted").Boolean();
+  quality.reasons = reader.Child("reasons").Strings();
+  quality.num_tracks = count("num_tracks");
+  quality.num_inlier_tracks = count("num_inlier_tracks");
+  quality.num_cross_camera_matches = count("num_cross_camera_matches");
+  quality.rms_before_px = reader.Child("rms_before_px").AnyNumber();
+  quality.rms_after_px = reader.Child("rms_after_px").AnyNumber();
+  quality.stddev = Stddev(reader.Child("stddev"));
+  if (const auto rate = reader.OptionalChild("miscalibration_rate_before")) {
+    quality.miscalibration_rate_before = Rate(*rate);
   }
-  reader.Child("rms_before_px").AnyNumber();
-  reader.Child("rms_after_px").AnyNumber();
-  const YamlReader stddev = reader.Child("stddev");
-  stddev.CheckKeys(
-      {"translation_m", "rotation_rad", "focal_scale", "principal_point_px", "time_offset_s"});
-  stddev.Child("translation_m").AnyNumbers(3);
-  stddev.Child("rotation_rad").AnyNumbers(3);
-  stddev.Child("focal_scale").AnyNumber();
-  stddev.Child("principal_point_px").AnyNumbers(2);
-  stddev.Child("time_offset_s").AnyNumber();
-  for (const char* rate : {"miscalibration_rate_before", "miscalibration_rate_after"}) {
-    if (const auto child = reader.OptionalChild(rate)) CheckAxes(*child);
+  if (const auto rate = reader.OptionalChild("miscalibration_rate_after")) {
+    quality.miscalibration_rate_after = Rate(*rate);
   }
+  return quality;
 }
 
 InitialStddev Tolerances(const YamlReader& reader) {
@@ -199,7 +216,7 @@ CameraConfig Camera(const std::string& name, const YamlReader& reader) {
   } else if (!camera.camera_info_topic) {
     reader.Fail(".intrinsics is missing, and there is no camera_info_topic to take them from");
   }
-  if (const auto quality = reader.OptionalChild("quality")) CheckCameraQuality(*quality);
+  if (const auto quality = reader.OptionalChild("quality")) Quality(*quality);
   return camera;
 }
 
@@ -252,7 +269,7 @@ void CheckUnique(const YamlReader& root) {
 Result<Rig> ParseRig(const std::string& yaml_text, const std::string& source_name) {
   YamlReader::Document document{source_name, Status::Ok()};
   const YamlReader root = YamlReader::Parse(yaml_text, &document);
-  root.CheckKeys({"lidar", "imu", "odometry", "cameras", "quality"});
+  root.CheckKeys({"lidar", "imu", "odometry", "cameras", "fallback", "quality"});
   Rig rig;
   rig.lidar = Lidar(root.Child("lidar"));
   if (const auto imu = root.OptionalChild("imu")) {
@@ -264,6 +281,7 @@ Result<Rig> ParseRig(const std::string& yaml_text, const std::string& source_nam
     rig.odometry = OdometryConfig{Topic(odometry->Child("topic")),
                                   Transform(odometry->Child("lidar_from_body"))};
   }
+  if (const auto fallback = root.OptionalChild("fallback")) rig.fallback_file = fallback->String();
   const YamlReader cameras = root.Child("cameras");
   for (const auto& [name, camera] : cameras.Entries()) rig.cameras.push_back(Camera(name, camera));
   if (document.status.ok() && rig.cameras.empty()) cameras.Fail(" is empty, must name a camera");
@@ -286,7 +304,27 @@ Result<Rig> ReadRig(const std::string& path) {
   for (CameraConfig& camera : rig->cameras) {
     if (camera.mask_file) camera.mask_file = (directory / *camera.mask_file).string();
   }
+  if (rig->fallback_file) rig->fallback_file = (directory / *rig->fallback_file).string();
   return rig;
+}
+
+Result<CalibrationResult> ReadCalibration(const std::string& path) {
+  Result<Rig> rig = ReadRig(path);  // which checks everything but that there is a quality
+  if (!rig.ok()) return rig.status();
+  const Result<std::string> text = internal::ReadTextFile(path);
+  if (!text.ok()) return text.status();
+  CalibrationResult result;
+  result.rig = *rig;
+  YamlReader::Document document{path, Status::Ok()};
+  const YamlReader root = YamlReader::Parse(*text, &document);
+  const YamlReader of_rig = root.Child("quality");
+  result.accepted = of_rig.Child("accepted").Boolean();
+  result.reasons = of_rig.Child("reasons").Strings();
+  for (const auto& [name, camera] : root.Child("cameras").Entries()) {
+    result.cameras.push_back(Quality(camera.Child("quality")));
+  }
+  if (!document.status.ok()) return document.status;
+  return result;
 }
 
 }  // namespace scenecalib

@@ -167,6 +167,7 @@ void PutOtherSensors(const Rig& rig, std::ostream& out) {
     out << "odometry:\n  topic: " << Text(rig.odometry->topic) << "\n";
     PutTransform("  ", "lidar_from_body", rig.odometry->lidar_from_body, out);
   }
+  if (rig.fallback_file) out << "fallback: " << Text(*rig.fallback_file) << "\n";
 }
 
 }  // namespace

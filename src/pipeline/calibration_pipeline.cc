@@ -187,34 +187,45 @@ void CalibrationPipeline::NoteRejectedImage(int camera, const std::string& reaso
   impl_->cameras[static_cast<std::size_t>(camera)].check.NoteUndecoded(reason);
 }
 
-Result<PipelineResult> CalibrationPipeline::Run(
+Result<PipelineResult> CalibrationPipeline::Prepare(
     const ProgressCallback& progress, const std::optional<Trajectory>& known_map_from_lidar) {
   const ProgressCallback serialised = Serialised(progress);
+  const PipelineOptions& options = impl_->options;
   PipelineResult result;
   result.initial_rig = impl_->rig;
   result.costs.push_back(impl_->feeding.Stop());
 
-  SCENECALIB_RETURN_IF_ERROR(impl_->lidar_check.Check(impl_->options.stream_check, true));
+  SCENECALIB_RETURN_IF_ERROR(impl_->lidar_check.Check(options.stream_check, true));
   SCENECALIB_RETURN_IF_ERROR(impl_->MapAndTrack(serialised, known_map_from_lidar, &result));
   const std::string lidar_warning = impl_->lidar_check.Warning();
   if (!lidar_warning.empty()) result.warnings.push_back(lidar_warning);
 
-  std::vector<std::string> refusals(result.segments.size());
-  for (std::size_t i = 0; i < refusals.size(); ++i) {
+  result.refusals.resize(result.segments.size());
+  for (std::size_t i = 0; i < result.refusals.size(); ++i) {
     const StreamCheck& check = impl_->cameras[i].check;
-    refusals[i] = check.Check(impl_->options.stream_check, false).message();
+    result.refusals[i] = check.Check(options.stream_check, false).message();
+    if (result.refusals[i].empty() && !result.segments[i].images.empty()) {
+      result.refusals[i] = WhyUnfit(MeasureFitness(result.segments[i]), options.fitness);
+    }
     const std::string warning = check.Warning();
     if (!warning.empty()) result.warnings.push_back(warning);
   }
-
-  const StageTimer timer("calibration");
-  Result<RigCalibration> calibration =
-      CalibrateSegments(impl_->rig, result.mapping.map, result.segments, refusals,
-                        impl_->options.calibration, impl_->options.miscalibration, serialised);
-  result.costs.push_back(timer.Stop());
-  if (!calibration.ok()) return calibration.status();
-  result.calibration = std::move(calibration).value();
   return Result<PipelineResult>(std::move(result));
+}
+
+Result<PipelineResult> CalibrationPipeline::Run(
+    const ProgressCallback& progress, const std::optional<Trajectory>& known_map_from_lidar) {
+  Result<PipelineResult> result = Prepare(progress, known_map_from_lidar);
+  if (!result.ok()) return result.status();
+  SCENECALIB_RETURN_IF_ERROR(CheckMapFitness(result->mapping.report, impl_->options.fitness));
+  const StageTimer timer("calibration");
+  Result<RigCalibration> calibration = CalibrateSegments(
+      impl_->rig, result->mapping.map, result->segments, result->refusals,
+      impl_->options.calibration, impl_->options.miscalibration, Serialised(progress));
+  result->costs.push_back(timer.Stop());
+  if (!calibration.ok()) return calibration.status();
+  result->calibration = std::move(calibration).value();
+  return result;
 }
 
 Result<RigCalibration> CalibrateSegments(const Rig& initial, const SceneMap& map,

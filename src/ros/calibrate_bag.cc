@@ -19,6 +19,7 @@
 #include "scenecalib/io/trajectory_tum.h"
 #include "scenecalib/pipeline/artifacts.h"
 #include "scenecalib/pipeline/calibration_pipeline.h"
+#include "scenecalib/pipeline/fallback.h"
 #include "scenecalib/ros/bag_recording.h"
 #include "scenecalib/ros/log_sink.h"
 #include "scenecalib/ros/recording_reader.h"
@@ -91,6 +92,7 @@ struct Inputs {
   BagRecording recording;
   std::optional<Trajectory> trajectory;
   std::optional<Rig> truth;
+  std::optional<CalibrationResult> fallback;
 };
 
 Result<Inputs> ReadInputs(const Arguments& arguments) {
@@ -103,11 +105,16 @@ Result<Inputs> ReadInputs(const Arguments& arguments) {
   SCENECALIB_RETURN_IF_ERROR(CheckTopics(*recording, *rig));
   const Result<Rig> resolved = ResolveIntrinsics(*rig, &*recording);
   if (!resolved.ok()) return resolved.status();
-  Inputs inputs{*options, *resolved, std::move(recording).value(), {}, {}};
+  Inputs inputs{*options, *resolved, std::move(recording).value(), {}, {}, {}};
   if (!arguments.truth.empty()) {
     const Result<Rig> truth = ReadRig(arguments.truth);
     if (!truth.ok()) return truth.status();
     inputs.truth = *truth;
+  }
+  if (rig->fallback_file) {
+    const Result<CalibrationResult> fallback = ReadCalibration(*rig->fallback_file);
+    if (!fallback.ok()) return fallback.status();
+    inputs.fallback = *fallback;
   }
   if (!arguments.trajectory.empty()) {
     const Result<Trajectory> trajectory = ReadTrajectoryTum(arguments.trajectory);
@@ -127,10 +134,16 @@ Result<PipelineResult> Calibrate(Inputs* inputs, const ProgressCallback& progres
   if (!result.ok()) {
     std::string message = result.status().message();
     for (const std::string& warning : reading->warnings) message += "; " + warning;
+    if (inputs->fallback) {
+      message += "; " + *inputs->rig.fallback_file + " stays in force";
+    }
     return Status(result.status().code(), message);
   }
   result->warnings.insert(result->warnings.begin(), reading->warnings.begin(),
                           reading->warnings.end());
+  if (inputs->fallback) {
+    ApplyFallback(*inputs->fallback, *inputs->rig.fallback_file, &result->calibration.result);
+  }
   return result;
 }
 

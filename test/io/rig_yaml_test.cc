@@ -172,6 +172,38 @@ TEST(RigYaml, MasksLieWhereTheRigFileLies) {
   EXPECT_EQ(again->cameras[1].rolling_shutter_line_time_s, 2e-5);
 }
 
+TEST(RigYaml, TheFallbackLiesWhereTheRigFileLies) {
+  const testing::TemporaryDirectory directory;
+  const std::string path = directory.path() + "/rig.yaml";
+  std::ofstream(path) << kRig << "\nfallback: earlier/calibration.yaml\n";
+  const Result<Rig> rig = ReadRig(path);
+  ASSERT_TRUE(rig.ok()) << rig.status().message();
+  EXPECT_EQ(rig->fallback_file, directory.path() + "/earlier/calibration.yaml");
+  const Result<Rig> again = ParseRig(FormatRig(*rig), "again.yaml");
+  ASSERT_TRUE(again.ok()) << again.status().message();
+  EXPECT_EQ(again->fallback_file, rig->fallback_file);
+}
+
+TEST(RigYaml, ACalibrationReadsBackWithItsQuality) {
+  const testing::TemporaryDirectory directory;
+  const std::string path = directory.path() + "/calibration.yaml";
+  CalibrationResult written = ExampleResult();
+  for (CameraConfig& camera : written.rig.cameras) camera.mask_file.reset();  // moves on reading
+  ASSERT_TRUE(WriteCalibration(path, written).ok());
+  const Result<CalibrationResult> read = ReadCalibration(path);
+  ASSERT_TRUE(read.ok()) << read.status().message();
+  EXPECT_EQ(FormatCalibration(*read), FormatCalibration(written));
+}
+
+TEST(RigYaml, ARigWithoutQualityIsNoCalibration) {
+  const testing::TemporaryDirectory directory;
+  const std::string path = directory.path() + "/rig.yaml";
+  std::ofstream(path) << kRig;
+  const Result<CalibrationResult> read = ReadCalibration(path);
+  EXPECT_EQ(read.status().code(), Status::Code::kInvalidArgument);
+  EXPECT_NE(read.status().message().find("quality"), std::string::npos);
+}
+
 TEST(RigYaml, LineTimesOutOfTheirBoundAreNamed) {
   EXPECT_NE(ErrorAfter("rolling_shutter_line_time_s: 0.00002", "rolling_shutter_line_time_s: 0.5")
                 .find("cameras.fisheye.rolling_shutter_line_time_s"),
@@ -232,7 +264,7 @@ TEST(RigYaml, UnknownKeysAreNamedWithTheirValue) {
             "known here: model, width_px, height_px, principal_point_px, focal_px, distortion");
   EXPECT_EQ(ErrorAfter("lidar: {", "radar: {}\nlidar: {"),
             "rig.yaml: radar is an unknown key (its value is a map); known here: lidar, imu, "
-            "odometry, cameras, quality");
+            "odometry, cameras, fallback, quality");
   EXPECT_NE(ErrorAfter("time_offset_s:", "time_offset:").find("cameras.fisheye.time_offset is"),
             std::string::npos);
   // The keys of another model are unknown here.

@@ -8,6 +8,7 @@ import sys
 import tempfile
 import unittest
 
+import numpy as np
 import rosbag
 import rospy
 import rostest
@@ -148,6 +149,85 @@ class CalibrateBag(unittest.TestCase):
             rig.pop('imu', None)
             rig.pop('odometry', None)
         self.expect_refusal(['did not move'], bag=path, rig=self.changed_rig(without_motion_sensors))
+
+    def bag_with_front_images(self, change):
+        """The recording with change(pixels as rows x step, random) applied to the front camera."""
+        path = os.path.join(self.directory, 'changed.bag')
+        random = np.random.RandomState(1)
+        with rosbag.Bag(self.bag) as source, rosbag.Bag(path, 'w') as target:
+            for topic, message, stamp in source.read_messages():
+                if topic == '/front/image_raw':
+                    pixels = np.frombuffer(message.data, np.uint8).reshape(message.height, message.step)
+                    changed = change(pixels.astype(float), random)
+                    message.data = np.clip(changed, 0, 255).astype(np.uint8).tobytes()
+                target.write(topic, message, stamp)
+        return path
+
+    @staticmethod
+    def night(pixels, random):
+        return pixels / 32.0 + 3.0 * random.randn(*pixels.shape)
+
+    @staticmethod
+    def rain(pixels, random):
+        """A grey veil and streaks that are elsewhere in every image."""
+        wet = 80.0 + 0.3 * pixels
+        for _ in range(6000):
+            row, column = random.randint(pixels.shape[0] - 14), random.randint(pixels.shape[1] - 3)
+            wet[row:row + 14, column:column + 3] = 230.0
+        return wet
+
+    @staticmethod
+    def sky(pixels, random):
+        rows = np.linspace(210.0, 150.0, pixels.shape[0])[:, None]
+        return rows + random.randn(*pixels.shape)
+
+    def only_front(self):
+        return self.changed_rig(lambda rig: rig['cameras'].pop('left'))
+
+    def test_refuses_night(self):
+        self.expect_refusal(['front', 'too dark', 'limit'],
+                            bag=self.bag_with_front_images(self.night), rig=self.only_front())
+
+    def test_refuses_rain(self):
+        self.expect_refusal(['front', 'rain', 'limit'],
+                            bag=self.bag_with_front_images(self.rain), rig=self.only_front())
+
+    def test_refuses_a_camera_that_sees_only_the_sky(self):
+        self.expect_refusal(['front', 'sky', 'limit'],
+                            bag=self.bag_with_front_images(self.sky), rig=self.only_front())
+
+    def test_a_camera_at_night_keeps_the_values_of_the_fallback(self):
+        good = self.run_program()
+        self.assertEqual(good.returncode, 0, good.stdout + good.stderr)
+        fallback = os.path.join(self.output, 'calibration.yaml')
+        rig = self.changed_rig(lambda r: r.update(fallback=fallback))
+        output = os.path.join(self.directory, 'night')
+        run = self.run_program(bag=self.bag_with_front_images(self.night), rig=rig, output=output)
+        self.assertEqual(run.returncode, 2, run.stdout + run.stderr)
+        with open(os.path.join(output, 'calibration.yaml'), encoding='utf-8') as stream:
+            quality = yaml.safe_load(stream)['cameras']['front']['quality']
+        self.assertFalse(quality['accepted'])
+        self.assertTrue(any('too dark' in reason for reason in quality['reasons']))
+        self.assertTrue(any(fallback in reason for reason in quality['reasons']))
+        self.assertEqual(recording.lidar_from_camera(fallback)['front'],
+                         recording.lidar_from_camera(os.path.join(output, 'calibration.yaml'))['front'])
+        compared = subprocess.run([os.path.join(self.binaries, 'compare'), fallback, fallback],
+                                  stdout=subprocess.PIPE, universal_newlines=True, check=False)
+        self.assertEqual(compared.returncode, 0, compared.stdout)
+        self.assertIn('front: did not move', compared.stdout)
+
+    def test_the_truth_has_lower_miscalibration_rates_than_the_start(self):
+        run = subprocess.run(
+            [os.path.join(self.binaries, 'evaluate_calibration'), '--bag', self.bag, '--rig',
+             self.truth, '--rig', self.rig, '--output', self.output],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, universal_newlines=True, timeout=600,
+            check=False)
+        self.assertEqual(run.returncode, 0, run.stdout + run.stderr)
+        with open(os.path.join(self.output, 'miscalibration_rates.yaml'), encoding='utf-8') as stream:
+            of_truth, of_start = yaml.safe_load(stream)['miscalibration_rates']
+        for camera, rates in of_truth['cameras'].items():
+            mean = sum(rates.values()) / 6
+            self.assertLess(mean, sum(of_start['cameras'][camera].values()) / 6, camera)
 
     def test_refuses_lidar_stamps_that_jump(self):
         path = os.path.join(self.directory, 'jump.bag')

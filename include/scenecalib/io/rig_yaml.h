@@ -17,6 +17,10 @@ Result<Rig> ReadRig(const std::string& path);
 /// As ReadRig, from text; `source_name` stands for the file in messages.
 Result<Rig> ParseRig(const std::string& yaml_text, const std::string& source_name);
 
+/// Reads a calibration file with its quality blocks. InvalidArgument as for ReadRig, and for a rig
+/// file without them.
+Result<CalibrationResult> ReadCalibration(const std::string& path);
+
 /// The rig alone, without quality: for simulated rigs and truths.
 std::string FormatRig(const Rig& rig);
 Status WriteRig(const std::string& path, const Rig& rig);

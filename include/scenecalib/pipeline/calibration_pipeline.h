@@ -24,6 +24,9 @@ struct PipelineResult {
   std::vector<CameraSegment> segments;  ///< parallel to initial_rig.cameras
   RigCalibration calibration;
   std::vector<StageCost> costs;
+  /// Why a camera must not be calibrated on this recording; empty where it may. Parallel to
+  /// initial_rig.cameras.
+  std::vector<std::string> refusals;
   std::vector<std::string> warnings;  ///< skipped messages and the like, for a person
 };
 
@@ -54,6 +57,13 @@ class CalibrationPipeline {
   /// trajectory, to study its share of the error.
   Result<PipelineResult> Run(const ProgressCallback& progress,
                              const std::optional<Trajectory>& known_map_from_lidar = std::nullopt);
+
+  /// Maps and tracks what was fed and does not calibrate: `calibration` is empty. For studies,
+  /// which calibrate the same map and tracks many times (CalibrateSegments), and for judging a
+  /// given rig.
+  Result<PipelineResult> Prepare(
+      const ProgressCallback& progress,
+      const std::optional<Trajectory>& known_map_from_lidar = std::nullopt);
 
  private:
   struct Impl;

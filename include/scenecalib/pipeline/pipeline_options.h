@@ -6,6 +6,7 @@
 #include "scenecalib/calibration/calibration_options.h"
 #include "scenecalib/evaluation/miscalibration_rate.h"
 #include "scenecalib/mapping/mapping_options.h"
+#include "scenecalib/pipeline/fitness.h"
 #include "scenecalib/tracking/tracking_options.h"
 
 namespace scenecalib {
@@ -28,6 +29,7 @@ struct StreamCheckOptions {
 struct PipelineOptions {
   int threads = 0;
   StreamCheckOptions stream_check;
+  FitnessOptions fitness;
   MappingOptions mapping;
   TrackingOptions tracking;
   CalibrationOptions calibration;
@@ -36,6 +38,7 @@ struct PipelineOptions {
   void Visit(OptionVisitor& v) {
     v.Field("threads", &threads, {0, 1024}, "processor cores to use, 0 for all; no result changes");
     v.Group("stream_check", &stream_check);
+    v.Group("fitness", &fitness);
     v.Group("mapping", &mapping);
     v.Group("tracking", &tracking);
     v.Group("calibration", &calibration);

@@ -58,6 +58,9 @@ struct Rig {
   std::optional<ImuConfig> imu;
   std::optional<OdometryConfig> odometry;
   std::vector<CameraConfig> cameras;  ///< in the order of the file
+  /// Result file of another recording of the same vehicle, whose values a camera keeps that cannot
+  /// be calibrated. Relative to the rig file's directory.
+  std::optional<std::string> fallback_file;
 };
 
 }  // namespace scenecalib
