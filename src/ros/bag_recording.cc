@@ -44,9 +44,10 @@ class IndexedBagFile : public BagFile {
   Timestamp begin_ns() const override { return begin_ns_; }
   Timestamp end_ns() const override { return end_ns_; }
 
-  void Rewind(const std::set<std::string>& topics) override {
+  void Rewind(const std::set<std::string>& topics, const ReceiptWindow& window) override {
     const std::vector<std::string> names(topics.begin(), topics.end());
-    view_ = std::make_unique<rosbag::View>(bag_, rosbag::TopicQuery(names));
+    view_ = std::make_unique<rosbag::View>(bag_, rosbag::TopicQuery(names), Time(window.begin_ns),
+                                           Time(window.end_ns));
     next_ = view_->begin();
     num_unreadable_ = 0;
   }
@@ -81,6 +82,13 @@ class IndexedBagFile : public BagFile {
   }
 
  private:
+  /// Within what ros::Time can hold.
+  static ros::Time Time(Timestamp stamp_ns) {
+    ros::Time time;
+    time.fromNSec(static_cast<std::uint64_t>(std::max<Timestamp>(1, stamp_ns)));
+    return time;
+  }
+
   rosbag::Bag bag_;
   std::unique_ptr<rosbag::View> view_;
   rosbag::View::iterator next_;
@@ -149,14 +157,15 @@ std::string BagRecording::name() const {
 }
 
 void BagRecording::ForEachMessage(const std::set<std::string>& topics,
-                                  const std::function<bool(BagMessage&&)>& handle) {
+                                  const std::function<bool(BagMessage&&)>& handle,
+                                  const ReceiptWindow& window) {
   struct Head {
     BagMessage message;
     bool valid = false;
   };
   std::vector<Head> heads(files_.size());
   for (std::size_t i = 0; i < files_.size(); ++i) {
-    files_[i]->Rewind(topics);
+    files_[i]->Rewind(topics, window);
     heads[i].valid = files_[i]->Next(&heads[i].message);
   }
   while (true) {

@@ -124,11 +124,32 @@ Result<Inputs> ReadInputs(const Arguments& arguments) {
   return Result<Inputs>(std::move(inputs));
 }
 
+/// The part of the recording to read, and what a person should know about the choice.
+ReceiptWindow ChooseWindow(Inputs* inputs, std::vector<std::string>* notes) {
+  constexpr double kMargin_s = 0.5;  // of what is received a little late
+  const std::vector<DriveSegment> stretches =
+      ChooseStretches(inputs->rig, inputs->options.segment, &inputs->recording);
+  if (stretches.empty()) return ReceiptWindow();
+  const Timestamp begin_ns = inputs->recording.begin_ns();
+  for (std::size_t i = 0; i < stretches.size(); ++i) {
+    DriveSegment relative = stretches[i];
+    relative.start_ns -= begin_ns;
+    relative.end_ns -= begin_ns;
+    notes->push_back((i == 0 ? "long recording, calibrated on its stretch with most excitation: "
+                             : "a stretch that is worth it too: ") +
+                     relative.Description());
+  }
+  return {AddSeconds(stretches[0].start_ns, -kMargin_s),
+          AddSeconds(stretches[0].end_ns, kMargin_s)};
+}
+
 Result<PipelineResult> Calibrate(Inputs* inputs, const ProgressCallback& progress) {
   Result<CalibrationPipeline> pipeline = CalibrationPipeline::Create(inputs->rig, inputs->options);
   if (!pipeline.ok()) return pipeline.status();
-  const Result<ReadingReport> reading =
-      FeedPipeline(inputs->rig, inputs->options.threads, &inputs->recording, &*pipeline, progress);
+  std::vector<std::string> notes;
+  const ReceiptWindow window = ChooseWindow(inputs, &notes);
+  const Result<ReadingReport> reading = FeedPipeline(
+      inputs->rig, inputs->options.threads, &inputs->recording, &*pipeline, progress, window);
   if (!reading.ok()) return reading.status();
   Result<PipelineResult> result = pipeline->Run(progress, inputs->trajectory);
   if (!result.ok()) {
@@ -141,6 +162,7 @@ Result<PipelineResult> Calibrate(Inputs* inputs, const ProgressCallback& progres
   }
   result->warnings.insert(result->warnings.begin(), reading->warnings.begin(),
                           reading->warnings.end());
+  result->warnings.insert(result->warnings.begin(), notes.begin(), notes.end());
   if (inputs->fallback) {
     ApplyFallback(*inputs->fallback, *inputs->rig.fallback_file, &result->calibration.result);
   }

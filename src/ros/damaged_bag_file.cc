@@ -212,8 +212,9 @@ std::vector<BagTopic> DamagedBagFile::topics() const {
   return topics;
 }
 
-void DamagedBagFile::Rewind(const std::set<std::string>& topics) {
+void DamagedBagFile::Rewind(const std::set<std::string>& topics, const ReceiptWindow& window) {
   wanted_ = topics;
+  window_ = window;
   next_ = 0;
 }
 
@@ -222,6 +223,7 @@ bool DamagedBagFile::Next(BagMessage* message) {
     const Entry& entry = entries_[next_];
     const Connection& connection = connections_.at(entry.connection);
     if (wanted_.count(connection.topic) == 0) continue;
+    if (entry.receipt_ns < window_.begin_ns || entry.receipt_ns > window_.end_ns) continue;
     message->topic = connection.topic;
     message->datatype = connection.datatype;
     message->md5sum = connection.md5sum;

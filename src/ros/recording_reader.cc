@@ -8,6 +8,7 @@
 #include <sensor_msgs/Imu.h>
 #include <sensor_msgs/PointCloud2.h>
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cstdio>
@@ -301,16 +302,34 @@ Result<Rig> ResolveIntrinsics(const Rig& rig, BagRecording* recording) {
   return Result<Rig>(std::move(resolved));
 }
 
+std::vector<DriveSegment> ChooseStretches(const Rig& rig, const SegmentChoiceOptions& options,
+                                          BagRecording* recording) {
+  constexpr double kMaxSpeed_m_s = 40.0;  // a recording too short to be long is not even scanned
+  const double duration_s = SecondsBetween(recording->begin_ns(), recording->end_ns());
+  if (!rig.odometry || duration_s * kMaxSpeed_m_s < options.min_recording_m) return {};
+  SegmentChooser chooser(options);
+  recording->ForEachMessage({rig.odometry->topic}, [&](BagMessage&& raw) {
+    const Result<nav_msgs::Odometry> message = Deserialise<nav_msgs::Odometry>(raw);
+    const Result<OdometrySample> sample =
+        message.ok() ? FromMessage(*message) : Result<OdometrySample>(message.status());
+    // By receipt, because that is what the recording is cut by.
+    if (sample.ok()) chooser.Add({raw.receipt_ns, sample->odom_from_body});
+    return true;
+  });
+  return chooser.Choose();
+}
+
 Result<ReadingReport> FeedPipeline(const Rig& rig, int threads, BagRecording* recording,
-                                   CalibrationPipeline* pipeline,
-                                   const ProgressCallback& progress) {
+                                   CalibrationPipeline* pipeline, const ProgressCallback& progress,
+                                   const ReceiptWindow& window) {
   ReadingReport report;
-  report.duration_s = SecondsBetween(recording->begin_ns(), recording->end_ns());
+  const Timestamp begin_ns = std::max(window.begin_ns, recording->begin_ns());
+  report.duration_s = SecondsBetween(begin_ns, std::min(window.end_ns, recording->end_ns()));
   PipelineFeeder feeder(rig, threads, pipeline);
   const auto start = std::chrono::steady_clock::now();
   bool go_on = true;
-  recording->ForEachMessage(feeder.Topics(), [&](BagMessage&& message) {
-    const double recorded_s = SecondsBetween(recording->begin_ns(), message.receipt_ns);
+  const auto feed = [&](BagMessage&& message) {
+    const double recorded_s = SecondsBetween(begin_ns, message.receipt_ns);
     feeder.Feed(std::move(message));
     ++report.num_messages;
     if (report.num_messages % 50 == 0) {
@@ -320,7 +339,8 @@ Result<ReadingReport> FeedPipeline(const Rig& rig, int threads, BagRecording* re
                              RateText(recorded_s, elapsed.count()));
     }
     return go_on;
-  });
+  };
+  recording->ForEachMessage(feeder.Topics(), feed, window);
   feeder.Finish();
   if (!go_on) return Status::Cancelled("stopped while reading " + recording->name());
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;

@@ -71,6 +71,26 @@ class BagRecordingTest : public testing::TestWithParam<rosbag::CompressionType> 
   fs::path directory_;
 };
 
+TEST_P(BagRecordingTest, ReadsOnlyTheWindowAskedForAlsoWithoutTheIndex) {
+  for (const bool cut : {false, true}) {
+    const std::string path = Path(cut ? "cut.bag" : "whole.bag");
+    WriteBag(path, GetParam());  // 200 numbers, one every 10 ms
+    if (cut) CutOff(path, 0.9);
+    Result<BagRecording> recording = BagRecording::Open({path});
+    ASSERT_TRUE(recording.ok()) << recording.status().message();
+    std::vector<Timestamp> receipts_ns;
+    recording->ForEachMessage({"/number"},
+                              [&receipts_ns](BagMessage&& message) {
+                                receipts_ns.push_back(message.receipt_ns);
+                                return true;
+                              },
+                              {100500000000LL, 100600000000LL});
+    ASSERT_EQ(receipts_ns.size(), 11u);  // one every 10 ms, both ends included
+    EXPECT_EQ(receipts_ns.front(), 100500000000LL);
+    EXPECT_EQ(receipts_ns.back(), 100600000000LL);
+  }
+}
+
 TEST_P(BagRecordingTest, ReadsAnIntactBagInOrder) {
   WriteBag(Path("a.bag"), GetParam());
   Result<BagRecording> recording = BagRecording::Open({Path("a.bag")});

@@ -150,6 +150,18 @@ class CalibrateBag(unittest.TestCase):
             rig.pop('odometry', None)
         self.expect_refusal(['did not move'], bag=path, rig=self.changed_rig(without_motion_sensors))
 
+    def test_uses_the_best_stretch_of_a_long_recording_and_names_it(self):
+        config = os.path.join(self.directory, 'long.yaml')
+        with open(config, 'w', encoding='utf-8') as stream:  # the test's recording counts as long
+            stream.write('segment: {min_recording_m: 5, max_length_m: 20, bin_length_m: 1}\n')
+        run = self.run_program('--config', config)
+        self.assertIn(run.returncode, (0, 2), run.stdout + run.stderr)
+        self.assertIn('calibrated on its stretch with most excitation', run.stdout)
+        with open(os.path.join(self.output, 'trajectory.tum'), encoding='utf-8') as stream:
+            stamps = [float(line.split()[0]) for line in stream if not line.startswith('#')]
+        with rosbag.Bag(self.bag) as bag:
+            self.assertLess(stamps[-1] - stamps[0], 0.95 * (bag.get_end_time() - bag.get_start_time()))
+
     def bag_with_front_images(self, change):
         """The recording with change(pixels as rows x step, random) applied to the front camera."""
         path = os.path.join(self.directory, 'changed.bag')

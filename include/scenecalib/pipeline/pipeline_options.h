@@ -7,6 +7,7 @@
 #include "scenecalib/evaluation/miscalibration_rate.h"
 #include "scenecalib/mapping/mapping_options.h"
 #include "scenecalib/pipeline/fitness.h"
+#include "scenecalib/segment/segment_chooser.h"
 #include "scenecalib/tracking/tracking_options.h"
 
 namespace scenecalib {
@@ -29,6 +30,7 @@ struct StreamCheckOptions {
 struct PipelineOptions {
   int threads = 0;
   StreamCheckOptions stream_check;
+  SegmentChoiceOptions segment;
   FitnessOptions fitness;
   MappingOptions mapping;
   TrackingOptions tracking;
@@ -38,6 +40,7 @@ struct PipelineOptions {
   void Visit(OptionVisitor& v) {
     v.Field("threads", &threads, {0, 1024}, "processor cores to use, 0 for all; no result changes");
     v.Group("stream_check", &stream_check);
+    v.Group("segment", &segment);
     v.Group("fitness", &fitness);
     v.Group("mapping", &mapping);
     v.Group("tracking", &tracking);

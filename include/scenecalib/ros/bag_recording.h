@@ -29,6 +29,12 @@ struct BagMessage {
   std::vector<std::uint8_t> bytes;
 };
 
+/// Messages received from begin to end, both included.
+struct ReceiptWindow {
+  Timestamp begin_ns = 0;
+  Timestamp end_ns = 4000000000000000000LL;  ///< the year 2096
+};
+
 /// The messages of one bag file in the order of their receipt.
 class BagFile {
  public:
@@ -37,8 +43,8 @@ class BagFile {
   /// Receipt of the first and last message.
   virtual Timestamp begin_ns() const = 0;
   virtual Timestamp end_ns() const = 0;
-  /// Starts over, with the messages of these topics only.
-  virtual void Rewind(const std::set<std::string>& topics) = 0;
+  /// Starts over, with the messages of these topics in this window only.
+  virtual void Rewind(const std::set<std::string>& topics, const ReceiptWindow& window) = 0;
   /// False at the end. A message that cannot be read is skipped and counted.
   virtual bool Next(BagMessage* message) = 0;
   virtual int num_unreadable() const = 0;
@@ -68,9 +74,10 @@ class BagRecording {
   std::string name() const;
 
   /// Calls `handle` for every message of the topics, merged by receipt over all bags. Stops early
-  /// when it returns false.
+  /// when it returns false. What lies outside the window is not read.
   void ForEachMessage(const std::set<std::string>& topics,
-                      const std::function<bool(BagMessage&&)>& handle);
+                      const std::function<bool(BagMessage&&)>& handle,
+                      const ReceiptWindow& window = ReceiptWindow());
 
   /// One line per file that could not be read in full (complete after ForEachMessage).
   std::vector<std::string> damages() const;

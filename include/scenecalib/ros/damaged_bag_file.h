@@ -21,7 +21,7 @@ class DamagedBagFile : public BagFile {
   std::vector<BagTopic> topics() const override;
   Timestamp begin_ns() const override { return entries_.front().receipt_ns; }
   Timestamp end_ns() const override { return entries_.back().receipt_ns; }
-  void Rewind(const std::set<std::string>& topics) override;
+  void Rewind(const std::set<std::string>& topics, const ReceiptWindow& window) override;
   bool Next(BagMessage* message) override;
   int num_unreadable() const override { return 0; }  // found while walking, see damage()
   std::string damage() const override;
@@ -66,6 +66,7 @@ class DamagedBagFile : public BagFile {
   std::vector<Entry> entries_;  ///< by receipt
 
   std::set<std::string> wanted_;
+  ReceiptWindow window_;
   std::size_t next_ = 0;
   int cached_chunk_ = -1;
   Bytes cached_content_;

@@ -7,6 +7,7 @@
 #include "scenecalib/base/status.h"
 #include "scenecalib/pipeline/calibration_pipeline.h"
 #include "scenecalib/ros/bag_recording.h"
+#include "scenecalib/segment/segment_chooser.h"
 #include "scenecalib/sensor/rig.h"
 
 namespace scenecalib {
@@ -26,10 +27,18 @@ struct ReadingReport {
   std::vector<std::string> warnings;  ///< damage and messages left out
 };
 
-/// Feeds every measurement of the recording to the pipeline, each sensor in its own thread from a
-/// bounded queue, so that a camera's tracking does not wait for the lidar's odometry. The outcome
-/// does not depend on the threads' timing. Reports the stage "reading"; Cancelled when stopped.
+/// The stretches of a long recording that are worth calibrating on, the best first, by receipt of
+/// its odometry; nothing else is read. Empty for a short recording and without odometry: then all
+/// of it is used.
+std::vector<DriveSegment> ChooseStretches(const Rig& rig, const SegmentChoiceOptions& options,
+                                          BagRecording* recording);
+
+/// Feeds every measurement of the recording, or of a stretch of it, to the pipeline, each sensor in
+/// its own thread from a bounded queue, so that a camera's tracking does not wait for the lidar's
+/// odometry. The outcome does not depend on the threads' timing. Reports the stage "reading";
+/// Cancelled when stopped.
 Result<ReadingReport> FeedPipeline(const Rig& rig, int threads, BagRecording* recording,
-                                   CalibrationPipeline* pipeline, const ProgressCallback& progress);
+                                   CalibrationPipeline* pipeline, const ProgressCallback& progress,
+                                   const ReceiptWindow& window = ReceiptWindow());
 
 }  // namespace scenecalib
