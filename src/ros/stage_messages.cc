@@ -45,6 +45,7 @@ PixelTrack ToMessage(const Track& track) {
   PixelTrack message;
   message.id = track.id;
   message.reference = track.reference;
+  message.patch_radius = track.patch_radius_px;
   for (const TrackObservation& observation : track.observations) {
     message.stamps.push_back(ToRosTime(observation.stamp_ns));
     message.pixels.insert(message.pixels.end(), {observation.pixel.x(), observation.pixel.y()});
@@ -65,6 +66,7 @@ Result<Track> FromMessage(const PixelTrack& message) {
   Track track;
   track.id = message.id;
   track.reference = message.reference;
+  track.patch_radius_px = message.patch_radius;
   for (std::size_t i = 0; i < count; ++i) {
     TrackObservation observation;
     observation.stamp_ns = FromRosTime(message.stamps[i]);

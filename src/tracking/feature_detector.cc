@@ -40,42 +40,42 @@ std::vector<Corner> FindCorners(const cv::Mat& image, const cv::Mat& mask, doubl
 /// Which buckets and which surroundings are taken.
 class Occupancy {
  public:
-  Occupancy(const cv::Size& size, const DetectionOptions& options)
+  Occupancy(const cv::Size& size, const DetectionOptions& options,
+            const std::vector<double>& share_of_bucket)
       : taken_(size, CV_8UC1, cv::Scalar(0)),
         radius_px_(static_cast<int>(std::lround(options.min_distance_px))),
-        bucket_px_(options.bucket_px),
-        columns_((size.width + bucket_px_ - 1) / bucket_px_),
-        counts_(columns_ * ((size.height + bucket_px_ - 1) / bucket_px_), 0),
-        quota_(static_cast<int>(std::ceil(options.bucket_share * options.max_features /
-                                          static_cast<double>(counts_.size())))) {}
+        buckets_(size, options.bucket_px),
+        room_(buckets_.size()) {
+    const double even =
+        options.bucket_share * options.max_features / static_cast<double>(room_.size());
+    for (std::size_t i = 0; i < room_.size(); ++i) {
+      const double share = i < share_of_bucket.size() ? share_of_bucket[i] : 1.0;
+      room_[i] = static_cast<int>(std::ceil(share * even));
+    }
+  }
 
   bool IsFree(int x, int y) const {
-    return taken_.at<uchar>(y, x) == 0 && counts_[Bucket(x, y)] < quota_;
+    return taken_.at<uchar>(y, x) == 0 && room_[buckets_.At(x, y)] > 0;
   }
 
   void Take(int x, int y) {
     cv::circle(taken_, {x, y}, radius_px_, cv::Scalar(255), cv::FILLED);
-    ++counts_[Bucket(x, y)];
+    --room_[buckets_.At(x, y)];
   }
 
  private:
-  std::size_t Bucket(int x, int y) const {
-    return static_cast<std::size_t>((y / bucket_px_) * columns_ + x / bucket_px_);
-  }
-
   cv::Mat taken_;
   int radius_px_;
-  int bucket_px_;
-  int columns_;
-  std::vector<int> counts_;
-  int quota_;
+  BucketGrid buckets_;
+  std::vector<int> room_;  ///< left in each bucket
 };
 
 }  // namespace
 
 std::vector<Eigen::Vector2d> DetectFeatures(const cv::Mat& image, const cv::Mat& mask,
                                             const std::vector<Eigen::Vector2d>& live,
-                                            const DetectionOptions& options) {
+                                            const DetectionOptions& options,
+                                            const std::vector<double>& share_of_bucket) {
   std::vector<Eigen::Vector2d> features;
   int missing = options.max_features - static_cast<int>(live.size());
   if (missing <= 0) return features;
@@ -83,7 +83,7 @@ std::vector<Eigen::Vector2d> DetectFeatures(const cv::Mat& image, const cv::Mat&
   cv::meanStdDev(image, mean, contrast, mask);
   if (contrast[0] < options.min_contrast) return features;
 
-  Occupancy occupancy(image.size(), options);
+  Occupancy occupancy(image.size(), options, share_of_bucket);
   for (const Eigen::Vector2d& pixel : live) {
     const int x = static_cast<int>(std::lround(pixel.x()));
     const int y = static_cast<int>(std::lround(pixel.y()));

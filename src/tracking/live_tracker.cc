@@ -200,6 +200,7 @@ void LiveTracker::Follow(const GrayImage& image, const FlowPyramid& pyramid, Fra
     is_extended[i] =
         Extend(image, predicted[i], options_.registration.min_live_ncc, &active_[i]) ? 1 : 0;
   });
+  LearnSurvival(pyramid, is_extended);
   EstimateSceneFlow(is_extended);
   std::vector<char> is_kept = is_extended;
   for_each(active_.size(), [&](std::size_t i) {
@@ -410,18 +411,42 @@ cv::Mat LiveTracker::DetectionMask(const FlowPyramid& pyramid) const {
   return mask;
 }
 
+DetectionOptions LiveTracker::ReducedDetection(const FlowPyramid& pyramid) const {
+  DetectionOptions reduced = options_.detection;
+  reduced.min_distance_px /= pyramid.scale();
+  reduced.bucket_px = static_cast<int>(std::lround(reduced.bucket_px / pyramid.scale()));
+  return reduced;
+}
+
+/// Where new features are lost at once (the near road, foliage, junctions of things at different
+/// depths) few are tried from then on, so that there is room for others.
+void LiveTracker::LearnSurvival(const FlowPyramid& pyramid, const std::vector<char>& is_extended) {
+  constexpr double kLearningRate = 0.06;
+  constexpr double kMinSurvival = 0.1;
+  const BucketGrid buckets(pyramid.base().size(), ReducedDetection(pyramid).bucket_px);
+  survival_.resize(buckets.size(), 1.0);
+  for (std::size_t i = 0; i < active_.size(); ++i) {
+    const auto& observations = active_[i].track.observations;
+    const std::size_t num_before = observations.size() - (is_extended[i] != 0 ? 1 : 0);
+    if (num_before != 1 || active_[i].num_missed > 0) continue;
+    const Eigen::Vector2d pixel = observations.front().pixel / pyramid.scale();
+    double& survival =
+        survival_[buckets.At(std::clamp(static_cast<int>(pixel.x()), 0, pyramid.base().cols - 1),
+                             std::clamp(static_cast<int>(pixel.y()), 0, pyramid.base().rows - 1))];
+    survival += kLearningRate * ((is_extended[i] != 0 ? 1.0 : 0.0) - survival);
+    survival = std::max(survival, kMinSurvival);
+  }
+}
+
 void LiveTracker::Detect(const GrayImage& image, const FlowPyramid& pyramid, FrameTracking* frame) {
   const double scale = pyramid.scale();
-  DetectionOptions reduced = options_.detection;
-  reduced.min_distance_px = reduced.min_distance_px / scale;
-  reduced.bucket_px = static_cast<int>(std::lround(reduced.bucket_px / scale));
   std::vector<Eigen::Vector2d> live;
   live.reserve(active_.size());
   for (const ActiveTrack& track : active_) {
     if (track.num_missed == 0) live.push_back(track.place.pixel / scale);
   }
-  for (const Eigen::Vector2d& found :
-       DetectFeatures(pyramid.base(), DetectionMask(pyramid), live, reduced)) {
+  for (const Eigen::Vector2d& found : DetectFeatures(pyramid.base(), DetectionMask(pyramid), live,
+                                                     ReducedDetection(pyramid), survival_)) {
     const Eigen::Vector2d pixel = scale * found;
     if (!IsSet(domain_, pixel)) continue;
     auto patch = PatchTemplate::Create(image.pixels, pixel, options_.registration.live_radius_px,

@@ -111,6 +111,7 @@ class GuidedTrack {
   Track Run() {
     Track result;
     result.id = track_.id;
+    result.patch_radius_px = track_.patch_radius_px;
     if (!Prepare()) return result;
     for (const TrackObservation& observation : track_.observations) {
       if (observation.stamp_ns == reference_->stamp_ns) {
@@ -141,12 +142,14 @@ class GuidedTrack {
     const auto pose = map_from_camera_.find(reference_->stamp_ns);
     const auto image = images_.find(reference_->stamp_ns);
     if (pose == map_from_camera_.end() || image == images_.end()) return false;
-    const int radius_px =
-        plane_.radius_px > 0 ? std::min(plane_.radius_px, options_.radius_px) : options_.radius_px;
+    int radius_px = options_.radius_px;
+    for (const int bound_px : {plane_.radius_px, track_.patch_radius_px}) {
+      if (bound_px > 0) radius_px = std::min(radius_px, bound_px);
+    }
     on_plane_ = LayOnPlane(model_, plane_, pose->second, reference_->pixel, radius_px);
     if (!on_plane_) return false;
     patch_ =
-        PatchTemplate::Create(image->second, reference_->pixel, radius_px, WarpFreedom::kShift);
+        ReferencePatch::Create(image->second, reference_->pixel, radius_px, WarpFreedom::kShift);
     return patch_.has_value();
   }
 
@@ -231,7 +234,7 @@ class GuidedTrack {
 
   const TrackObservation* reference_ = nullptr;
   std::optional<PatchOnPlane> on_plane_;
-  std::optional<PatchTemplate> patch_;
+  std::optional<ReferencePatch> patch_;
   std::map<Timestamp, Found> found_;
   Eigen::Matrix2d covariance_sum_ = Eigen::Matrix2d::Zero();
 };

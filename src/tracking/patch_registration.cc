@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 #include <opencv2/core/hal/intrin.hpp>
 
@@ -86,13 +87,97 @@ inline float Bilinear(const Cell& cell, std::size_t step) {
   return top + cell.fraction_y * (bottom - top);
 }
 
-/// As ReadSmoothed, with bilinear reading; the gradient over two pixels.
-SmoothedPixel ReadBilinear(const cv::Mat& image, double x_px, double y_px) {
-  const auto at = [&image](double x, double y) {
-    return Bilinear(Locate(image, static_cast<float>(x), static_cast<float>(y)), image.step[0]);
-  };
-  return {at(x_px, y_px), 0.5F * (at(x_px + 1.0, y_px) - at(x_px - 1.0, y_px)),
-          0.5F * (at(x_px, y_px + 1.0) - at(x_px, y_px - 1.0))};
+/// Deviation of an image's own blur as it is read smoothly: the pixel's area and the kernel.
+constexpr double kReadingSigmaPx = 0.65;
+/// Stretches of an axis below this need no blur.
+constexpr double kMinStretch = 1.15;
+
+/// How far to either side of a pixel the other image is read where the warp stretches an axis of
+/// the patch, in pixels of the reference; 0: read once. Two readings have that deviation.
+double ReadingOffsetPx(double stretch) {
+  if (stretch < kMinStretch) return 0.0;
+  return kReadingSigmaPx * std::sqrt(1.0 - 1.0 / (stretch * stretch));
+}
+
+/// Iterations after which a registration that leads nowhere is given up.
+constexpr int kHopelessIteration = 3;
+
+/// Shrinkage of an axis from one of ReferencePatch's blurs to the next.
+constexpr double kBlurRatio = 1.35;
+
+int BlurIndex(double stretch, int num_blurs) {
+  if (stretch > 1.0 / kMinStretch) return 0;
+  return std::clamp(static_cast<int>(std::lround(-std::log(stretch) / std::log(kBlurRatio))), 1,
+                    num_blurs - 1);
+}
+
+/// Deviation of the blur that makes the reference as blurred as a view that shrinks it.
+double BlurPx(int index) {
+  return kReadingSigmaPx * std::sqrt(std::pow(kBlurRatio, 2 * index) - 1.0);
+}
+
+/// Weights of a Gaussian at whole pixels from -margin to margin.
+Eigen::VectorXf GaussianWeights(double sigma_px, int margin) {
+  Eigen::VectorXf weights = Eigen::VectorXf::Zero(2 * margin + 1);
+  for (int i = -margin; i <= margin; ++i) {
+    const double u = sigma_px > 0.0 ? i / sigma_px : (i == 0 ? 0.0 : 1e3);
+    weights[i + margin] = static_cast<float>(std::exp(-0.5 * u * u));
+  }
+  return weights / weights.sum();
+}
+
+/// Values and gradients of a square of pixels around a centre.
+struct PixelGrid {
+  Eigen::MatrixXf value, gradient_x, gradient_y;  ///< rows are y
+};
+
+PixelGrid ReadGridSmoothed(const cv::Mat& image, const Eigen::Vector2d& center_px, int radius_px) {
+  const int edge = 2 * radius_px + 1;
+  PixelGrid grid{Eigen::MatrixXf(edge, edge), Eigen::MatrixXf(edge, edge),
+                 Eigen::MatrixXf(edge, edge)};
+  for (int column = 0; column < edge; ++column) {
+    for (int row = 0; row < edge; ++row) {
+      const SmoothedPixel pixel =
+          ReadSmoothed(image, center_px.x() + column - radius_px, center_px.y() + row - radius_px);
+      grid.value(row, column) = pixel.value;
+      grid.gradient_x(row, column) = pixel.gradient_x;
+      grid.gradient_y(row, column) = pixel.gradient_y;
+    }
+  }
+  return grid;
+}
+
+/// Bilinear; gradients over two pixels.
+PixelGrid ReadGridBilinear(const cv::Mat& image, const Eigen::Vector2d& center_px, int radius_px) {
+  const int edge = 2 * radius_px + 3;
+  const auto left = static_cast<float>(center_px.x() - radius_px - 1);
+  const auto top = static_cast<float>(center_px.y() - radius_px - 1);
+  Eigen::MatrixXf value(edge, edge);
+  for (int column = 0; column < edge; ++column) {
+    for (int row = 0; row < edge; ++row) {
+      value(row, column) =
+          Bilinear(Locate(image, left + static_cast<float>(column), top + static_cast<float>(row)),
+                   image.step[0]);
+    }
+  }
+  const int inner = edge - 2;
+  return {value.block(1, 1, inner, inner),
+          0.5F * (value.block(1, 2, inner, inner) - value.block(1, 0, inner, inner)),
+          0.5F * (value.block(2, 1, inner, inner) - value.block(0, 1, inner, inner))};
+}
+
+/// The grid without its margin, blurred.
+void Blur(const Eigen::Vector2d& sigma_px, int margin, PixelGrid* grid) {
+  const Eigen::VectorXf across = GaussianWeights(sigma_px.x(), margin);
+  const Eigen::VectorXf down = GaussianWeights(sigma_px.y(), margin);
+  for (Eigen::MatrixXf* channel : {&grid->value, &grid->gradient_x, &grid->gradient_y}) {
+    const Eigen::Index inner = channel->rows() - 2 * margin;
+    Eigen::MatrixXf rows = Eigen::MatrixXf::Zero(inner, channel->cols());
+    for (int i = 0; i <= 2 * margin; ++i) rows += down[i] * channel->middleRows(i, inner);
+    Eigen::MatrixXf blurred = Eigen::MatrixXf::Zero(inner, inner);
+    for (int i = 0; i <= 2 * margin; ++i) blurred += across[i] * rows.middleCols(i, inner);
+    *channel = std::move(blurred);
+  }
 }
 
 }  // namespace
@@ -111,8 +196,11 @@ SmoothedPixel ReadSmoothed(const cv::Mat& image, double x_px, double y_px) {
 
 std::optional<PatchTemplate> PatchTemplate::Create(const cv::Mat& image,
                                                    const Eigen::Vector2d& center_px, int radius_px,
-                                                   WarpFreedom freedom, PatchReading reading) {
-  const double r = radius_px;
+                                                   WarpFreedom freedom, PatchReading reading,
+                                                   const Eigen::Vector2d& blur_px) {
+  const int margin =
+      reading == PatchReading::kSmooth ? static_cast<int>(std::ceil(2.5 * blur_px.maxCoeff())) : 0;
+  const double r = radius_px + margin;
   if (!CanRead(image, center_px.x() - r, center_px.y() - r) ||
       !CanRead(image, center_px.x() + r, center_px.y() + r)) {
     return std::nullopt;
@@ -137,12 +225,16 @@ std::optional<PatchTemplate> PatchTemplate::Create(const cv::Mat& image,
     const float u = static_cast<float>(x) * inverse_radius;
     profile[x + radius_px] = std::exp(-1.2F * u * u);
   }
+  PixelGrid grid = reading == PatchReading::kSmooth
+                       ? ReadGridSmoothed(image, center_px, radius_px + margin)
+                       : ReadGridBilinear(image, center_px, radius_px);
+  if (margin > 0) Blur(blur_px, margin, &grid);
   int i = 0;
   for (int y = -radius_px; y <= radius_px; ++y) {
     for (int x = -radius_px; x <= radius_px; ++x, ++i) {
-      const SmoothedPixel pixel = reading == PatchReading::kSmooth
-                                      ? ReadSmoothed(image, center_px.x() + x, center_px.y() + y)
-                                      : ReadBilinear(image, center_px.x() + x, center_px.y() + y);
+      const SmoothedPixel pixel{grid.value(y + radius_px, x + radius_px),
+                                grid.gradient_x(y + radius_px, x + radius_px),
+                                grid.gradient_y(y + radius_px, x + radius_px)};
       const float u = static_cast<float>(x) * inverse_radius;
       const float v = static_cast<float>(y) * inverse_radius;
       weights[i] = profile[x + radius_px] * profile[y + radius_px];
@@ -180,24 +272,50 @@ std::optional<PatchTemplate> PatchTemplate::Create(const cv::Mat& image,
 
 bool PatchTemplate::Sample(const cv::Mat& image, const PatchWarp& warp,
                            Eigen::VectorXf* values) const {
+  const bool is_smooth = reading_ == PatchReading::kSmooth;
+  const Eigen::Vector2d across =
+      warp.affine.col(0) * (is_smooth ? ReadingOffsetPx(warp.affine.col(0).norm()) : 0.0);
+  const Eigen::Vector2d down =
+      warp.affine.col(1) * (is_smooth ? ReadingOffsetPx(warp.affine.col(1).norm()) : 0.0);
   // A second-order warp of a small window is nearly affine: when its border is inside, so is all of
-  // it; the border is checked pixel by pixel below only through the corners and edge middles.
+  // it; the border is checked only through its corners and edge middles.
   const double r = radius_px_;
+  const Eigen::Vector2d margin = Eigen::Vector2d::Ones() + across.cwiseAbs() + down.cwiseAbs();
   for (double y = -r; y <= r; y += r) {
     for (double x = -r; x <= r; x += r) {
       const Eigen::Vector2d pixel = warp({x, y});
-      if (!CanRead(image, pixel.x() - 1.0, pixel.y() - 1.0) ||
-          !CanRead(image, pixel.x() + 1.0, pixel.y() + 1.0)) {
+      if (!CanRead(image, pixel.x() - margin.x(), pixel.y() - margin.y()) ||
+          !CanRead(image, pixel.x() + margin.x(), pixel.y() + margin.y())) {
         return false;
       }
     }
   }
   values->resize(reference_.size());
+  const int num_across = across.isZero() ? 1 : 2;
+  const int num_down = down.isZero() ? 1 : 2;
+  if (num_across * num_down == 1) {
+    SampleOnce(image, warp, values->data());
+    return true;
+  }
+  Eigen::VectorXf once(reference_.size());
+  values->setZero();
+  for (int i = 0; i < num_across; ++i) {
+    for (int j = 0; j < num_down; ++j) {
+      PatchWarp shifted = warp;
+      shifted.center_px += (i == 0 ? across : -across) + (j == 0 ? down : -down);
+      SampleOnce(image, shifted, once.data());
+      *values += once;
+    }
+  }
+  *values /= static_cast<float>(num_across * num_down);
+  return true;
+}
+
+void PatchTemplate::SampleOnce(const cv::Mat& image, const PatchWarp& warp, float* value) const {
   const std::size_t step = image.step[0];
   const Eigen::Matrix2f a = warp.affine.cast<float>();
   const Eigen::Matrix<float, 2, 3> q = warp.quadratic.cast<float>();
   const Eigen::Vector2f c = warp.center_px.cast<float>();
-  float* value = values->data();
   for (int y = -radius_px_; y <= radius_px_; ++y) {
     const auto fy = static_cast<float>(y);
     const float row_x = c.x() + (a(0, 1) + q(0, 2) * fy) * fy;
@@ -214,7 +332,15 @@ bool PatchTemplate::Sample(const cv::Mat& image, const PatchWarp& warp,
                      : Bilinear(cell, step);
     }
   }
-  return true;
+}
+
+/// -1 where the values are all alike.
+double PatchTemplate::Correlation(const Eigen::VectorXf& values) const {
+  const auto weights = weighted_.col(num_parameters_ - 1);
+  const float mean = weights.dot(values);
+  const double variance = weights.dot((values.array() - mean).matrix().cwiseAbs2());
+  if (!(variance > 1e-6)) return -1.0;
+  return weighted_.col(num_parameters_ - 2).dot(values) / std::sqrt(variance * variance_);
 }
 
 std::optional<PatchMatch> PatchTemplate::Register(const cv::Mat& image, const PatchWarp& initial,
@@ -229,6 +355,9 @@ std::optional<PatchMatch> PatchTemplate::Register(const cv::Mat& image, const Pa
     if (!Sample(image, match.warp, &values)) return std::nullopt;
     solution = inverse_ * (weighted_.transpose() * values).cast<double>();
     match.gain = solution[num_motion];
+    if (match.iterations == kHopelessIteration && Correlation(values) < limits.hopeless_ncc) {
+      return std::nullopt;
+    }
     if (!(match.gain > 0.05 && match.gain < 20.0)) return std::nullopt;
     // other(warp(o)) looks like reference(o + d0 + D o): compose the warp with the inverse of that.
     const Eigen::Vector2d shift = solution.head<2>() / match.gain;
@@ -254,18 +383,42 @@ std::optional<PatchMatch> PatchTemplate::Register(const cv::Mat& image, const Pa
   const Eigen::VectorXf residual = values - design_ * solution.cast<float>();
   const auto weights = weighted_.col(num_parameters_ - 1);
   const double residual_variance = weights.dot(residual.cwiseAbs2());
-  const double mean = weights.dot(values);
-  const double variance =
-      weights.dot((values.array() - static_cast<float>(mean)).matrix().cwiseAbs2());
-  if (!(variance > 1e-6)) return std::nullopt;
-  const double covariance = weighted_.col(num_motion).dot(values);
-  match.ncc = covariance / std::sqrt(variance * variance_);
+  match.ncc = Correlation(values);
+  if (match.ncc <= -1.0) return std::nullopt;
   match.reference_sigma = std::sqrt(variance_);
   match.bias = solution[num_motion + 1];
   match.residual_sigma = std::sqrt(residual_variance);
   match.covariance_px2 = match.warp.affine * unit_covariance_ * match.warp.affine.transpose() *
                          (residual_variance / (match.gain * match.gain));
   return match;
+}
+
+std::optional<ReferencePatch> ReferencePatch::Create(const cv::Mat& image,
+                                                     const Eigen::Vector2d& center_px,
+                                                     int radius_px, WarpFreedom freedom) {
+  ReferencePatch patch;
+  patch.image_ = image;
+  patch.center_px_ = center_px;
+  patch.radius_px_ = radius_px;
+  patch.freedom_ = freedom;
+  patch.views_[0][0] = PatchTemplate::Create(image, center_px, radius_px, freedom);
+  patch.is_tried_[0][0] = true;
+  if (!patch.views_[0][0]) return std::nullopt;
+  return patch;
+}
+
+std::optional<PatchMatch> ReferencePatch::Register(const cv::Mat& image, const PatchWarp& initial,
+                                                   const PatchRegistrationLimits& limits) {
+  const int i = BlurIndex(initial.affine.col(0).norm(), kNumBlurs);
+  const int j = BlurIndex(initial.affine.col(1).norm(), kNumBlurs);
+  std::optional<PatchTemplate>& view = views_[i][j];
+  if (!is_tried_[i][j]) {
+    is_tried_[i][j] = true;
+    view = PatchTemplate::Create(image_, center_px_, radius_px_, freedom_, PatchReading::kSmooth,
+                                 {BlurPx(i), BlurPx(j)});
+  }
+  // A blurred view needs a margin around the patch, which may not be there.
+  return (view ? view : views_[0][0])->Register(image, initial, limits);
 }
 
 }  // namespace scenecalib

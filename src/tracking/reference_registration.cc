@@ -21,6 +21,9 @@ constexpr double kSmoothedNoise = 0.5;
 
 constexpr double kPartConvergencePx = 0.03;
 
+/// Share of the correlation asked for that a registration must have reached after some iterations.
+constexpr double kHopelessNcc = 0.6;
+
 /// Observations [begin, end) that share a reference.
 struct Span {
   int begin = 0;
@@ -91,20 +94,9 @@ class TrackRegistrar {
     const LiveObservation& reference = live_.observations[span.reference];
     const Eigen::Vector2d center_px(std::round(reference.pixel.x()),
                                     std::round(reference.pixel.y()));
-    const auto patch = matcher_.Prepare(reference.stamp_ns, center_px);
-    if (!patch) return;
-    const Eigen::Matrix2d first_from_reference = reference.affine_from_first.inverse();
-    std::map<int, PatchMatch> matches;
-    for (int i = span.begin; i < span.end; ++i) {
-      if (i == span.reference) continue;
-      const LiveObservation& live = live_.observations[i];
-      PatchWarp initial;
-      initial.affine = live.affine_from_first * first_from_reference;
-      initial.center_px = live.pixel + initial.affine * (center_px - reference.pixel);
-      const auto match = matcher_.Match(*patch, initial, live.stamp_ns);
-      if (match) matches.emplace(i, *match);
-    }
-    DropWherePartsDisagree(reference, center_px, &matches);
+    auto view = matcher_.Prepare(reference.stamp_ns, center_px);
+    if (!view) return;
+    const std::map<int, ReferenceMatch> matches = MatchSpan(span, &*view);
     Eigen::Matrix2d covariance_sum = Eigen::Matrix2d::Zero();
     for (int i = span.begin; i < span.end; ++i) {
       TrackObservation observation;
@@ -114,16 +106,18 @@ class TrackRegistrar {
         observation.pixel = center_px;
         track->reference = static_cast<int>(track->observations.size());
       } else if (match != matches.end()) {
-        observation.pixel = match->second.warp.center_px;
-        observation.covariance_px2 = match->second.covariance_px2;
-        const Eigen::Matrix2d to_reference = match->second.warp.affine.inverse();
+        const PatchMatch& found = match->second.match;
+        observation.pixel = found.warp.center_px;
+        observation.covariance_px2 = found.covariance_px2;
+        if (match->second.is_core) track->patch_radius_px = options_.core_radius_px;
+        const Eigen::Matrix2d to_reference = found.warp.affine.inverse();
         covariance_sum += to_reference * observation.covariance_px2 * to_reference.transpose();
       } else {
         continue;
       }
       track->observations.push_back(observation);
       const Eigen::Matrix2d affine =
-          match != matches.end() ? match->second.warp.affine : Eigen::Matrix2d::Identity();
+          match != matches.end() ? match->second.match.warp.affine : Eigen::Matrix2d::Identity();
       if (track->observations.size() == 1) registered->first_from_reference = affine;
       registered->last_from_reference = affine;
       *first = std::min(*first, i);
@@ -135,24 +129,36 @@ class TrackRegistrar {
     }
   }
 
-  /// Takes sightings off both ends as long as the patch's quarters disagree there: parallax grows
-  /// with the distance from the reference view.
-  void DropWherePartsDisagree(const LiveObservation& reference, const Eigen::Vector2d& center_px,
-                              std::map<int, PatchMatch>* matches) const {
-    const auto parts = matcher_.PrepareParts(reference.stamp_ns, center_px);
-    const auto disagree = [&](const std::pair<const int, PatchMatch>& entry) {
-      return matcher_.PartsDisagree(parts, entry.second.warp,
-                                    live_.observations[entry.first].stamp_ns);
-    };
-    const auto is_after = [&](const std::pair<const int, PatchMatch>& entry) {
-      return live_.observations[entry.first].stamp_ns > reference.stamp_ns;
-    };
-    while (!matches->empty() && !is_after(*matches->begin()) && disagree(*matches->begin())) {
-      matches->erase(matches->begin());
+  std::map<int, ReferenceMatch> MatchSpan(const Span& span, ReferenceView* view) const {
+    const LiveObservation& reference = live_.observations[span.reference];
+    const Eigen::Matrix2d first_from_reference = reference.affine_from_first.inverse();
+    std::map<int, ReferenceMatch> matches;
+    for (const bool forward : {false, true}) {
+      const int step = forward ? 1 : -1;
+      const int end = forward ? span.end : span.begin - 1;
+      // Parallax grows with the distance from the reference view: once the quarters of the patch
+      // agree, coming from the far end, they do nearer too.
+      bool may_disagree = true;
+      for (int i = end - step; i != span.reference; i -= step) {
+        const LiveObservation& live = live_.observations[i];
+        PatchWarp initial;
+        initial.affine = live.affine_from_first * first_from_reference;
+        initial.center_px = live.pixel + initial.affine * (view->center_px - reference.pixel);
+        auto match = matcher_.MatchWhole(view, initial, live.stamp_ns);
+        if (match && may_disagree) {
+          if (matcher_.QuartersDisagree(view, match->warp, live.stamp_ns)) {
+            initial = match->warp;
+            match.reset();
+          } else {
+            may_disagree = false;
+          }
+        }
+        const bool is_core = !match;
+        if (is_core) match = matcher_.MatchCore(view, initial, live.stamp_ns);
+        if (match) matches.emplace(i, ReferenceMatch{*match, is_core});
+      }
     }
-    while (!matches->empty() && is_after(*matches->rbegin()) && disagree(*matches->rbegin())) {
-      matches->erase(std::prev(matches->end()));
-    }
+    return matches;
   }
 
   const LiveTrack& live_;
@@ -174,55 +180,89 @@ ReferenceMatcher::ReferenceMatcher(const std::map<Timestamp, cv::Mat>& images, c
       max_residual_levels_(std::hypot(options.max_residual_noise * noise_levels_,
                                       options.max_residual_contrast * quality.contrast)) {}
 
-std::optional<PatchTemplate> ReferenceMatcher::Prepare(Timestamp stamp_ns,
+std::optional<ReferenceView> ReferenceMatcher::Prepare(Timestamp stamp_ns,
                                                        const Eigen::Vector2d& center_px) const {
   if (!IsAllowed(center_px)) return std::nullopt;
-  return PatchTemplate::Create(images_.at(stamp_ns), center_px, options_.radius_px,
-                               WarpFreedom::kAffine);
+  auto whole = ReferencePatch::Create(images_.at(stamp_ns), center_px, options_.radius_px,
+                                      WarpFreedom::kAffine);
+  if (!whole) return std::nullopt;
+  return ReferenceView{stamp_ns, center_px, std::move(*whole), std::nullopt, true, std::nullopt};
 }
 
-std::optional<PatchMatch> ReferenceMatcher::Match(const PatchTemplate& patch,
-                                                  const PatchWarp& initial,
-                                                  Timestamp stamp_ns) const {
-  const PatchRegistrationLimits limits{options_.max_iterations, options_.convergence_px,
-                                       options_.max_correction_px};
-  auto match = patch.Register(images_.at(stamp_ns), initial, limits);
-  if (!match ||
-      match->ncc < options_.min_ncc * ReachableNcc(match->reference_sigma, noise_levels_) ||
-      match->residual_sigma > max_residual_levels_ * std::hypot(1.0, match->gain) ||
-      !IsAllowed(match->warp.center_px) ||
-      ScaleChange(match->warp.affine) > 1.2 * options_.max_scale) {
+std::optional<PatchMatch> ReferenceMatcher::MatchWhole(ReferenceView* view,
+                                                       const PatchWarp& initial,
+                                                       Timestamp stamp_ns) const {
+  return Judge(view->whole.Register(images_.at(stamp_ns), initial, Limits()),
+               {options_.max_sigma_px, max_residual_levels_});
+}
+
+std::optional<PatchMatch> ReferenceMatcher::MatchCore(ReferenceView* view, const PatchWarp& initial,
+                                                      Timestamp stamp_ns) const {
+  if (!view->core && view->has_core) {
+    view->core = ReferencePatch::Create(images_.at(view->stamp_ns), view->center_px,
+                                        options_.core_radius_px, WarpFreedom::kAffine);
+    view->has_core = view->core.has_value();
+  }
+  if (!view->core) return std::nullopt;
+  return Judge(view->core->Register(images_.at(stamp_ns), initial, Limits()),
+               {options_.max_core_sigma_px, options_.max_core_residual * max_residual_levels_});
+}
+
+PatchRegistrationLimits ReferenceMatcher::Limits() const {
+  return {options_.max_iterations, options_.convergence_px, options_.max_correction_px,
+          kHopelessNcc * options_.min_ncc};
+}
+
+std::optional<PatchMatch> ReferenceMatcher::Judge(const std::optional<PatchMatch>& found,
+                                                  const Criteria& criteria) const {
+  if (!found ||
+      found->ncc < options_.min_ncc * ReachableNcc(found->reference_sigma, noise_levels_) ||
+      found->residual_sigma > criteria.max_residual_levels * std::hypot(1.0, found->gain) ||
+      !IsAllowed(found->warp.center_px) ||
+      ScaleChange(found->warp.affine) > 1.2 * options_.max_scale) {
     return std::nullopt;
   }
-  match->covariance_px2 *= options_.noise_correlation;
-  const double max_variance = options_.max_sigma_px * options_.max_sigma_px;
+  PatchMatch match = *found;
+  match.covariance_px2 *= options_.noise_correlation;
+  const double max_variance = criteria.max_sigma_px * criteria.max_sigma_px;
+  // A pixel of a view from afar is several of the reference: the match has to be certain in both.
+  const Eigen::Matrix2d to_reference = match.warp.affine.inverse();
+  const Eigen::Matrix2d in_reference =
+      to_reference * match.covariance_px2 * to_reference.transpose();
   // The trace bounds the larger eigenvalue from above, twice the determinant's root from below.
-  if (!(match->covariance_px2.trace() < max_variance)) return std::nullopt;
+  if (!(std::max(match.covariance_px2.trace(), in_reference.trace()) < max_variance)) {
+    return std::nullopt;
+  }
   return match;
 }
 
-std::vector<std::pair<Eigen::Vector2d, PatchTemplate>> ReferenceMatcher::PrepareParts(
-    Timestamp stamp_ns, const Eigen::Vector2d& center_px) const {
-  const int part_radius_px = options_.radius_px / 2;
-  std::vector<std::pair<Eigen::Vector2d, PatchTemplate>> parts;
-  for (const double x : {-1.0, 1.0}) {
-    for (const double y : {-1.0, 1.0}) {
-      const Eigen::Vector2d offset = part_radius_px * Eigen::Vector2d(x, y);
-      auto part = PatchTemplate::Create(images_.at(stamp_ns), center_px + offset, part_radius_px,
-                                        WarpFreedom::kShift);
-      if (part) parts.emplace_back(offset, std::move(*part));
-    }
-  }
-  return parts;
+std::optional<ReferenceMatch> ReferenceMatcher::Match(ReferenceView* view, const PatchWarp& initial,
+                                                      Timestamp stamp_ns) const {
+  const auto whole = MatchWhole(view, initial, stamp_ns);
+  if (whole && !QuartersDisagree(view, whole->warp, stamp_ns)) return ReferenceMatch{*whole, false};
+  const auto core = MatchCore(view, whole ? whole->warp : initial, stamp_ns);
+  if (!core) return std::nullopt;
+  return ReferenceMatch{*core, true};
 }
 
-bool ReferenceMatcher::PartsDisagree(
-    const std::vector<std::pair<Eigen::Vector2d, PatchTemplate>>& parts, const PatchWarp& warp,
-    Timestamp stamp_ns) const {
-  for (const auto& [offset, part] : parts) {
+bool ReferenceMatcher::QuartersDisagree(ReferenceView* view, const PatchWarp& warp,
+                                        Timestamp stamp_ns) const {
+  if (!view->quarters) {
+    const int radius_px = options_.radius_px / 2;
+    view->quarters.emplace();
+    for (const double x : {-1.0, 1.0}) {
+      for (const double y : {-1.0, 1.0}) {
+        const Eigen::Vector2d offset = radius_px * Eigen::Vector2d(x, y);
+        auto quarter = PatchTemplate::Create(images_.at(view->stamp_ns), view->center_px + offset,
+                                             radius_px, WarpFreedom::kShift);
+        if (quarter) view->quarters->emplace_back(offset, std::move(*quarter));
+      }
+    }
+  }
+  for (auto& [offset, quarter] : *view->quarters) {
     PatchWarp initial = warp;
     initial.center_px = warp(offset);
-    const auto match = part.Register(
+    const auto match = quarter.Register(
         images_.at(stamp_ns), initial,
         {options_.max_iterations, kPartConvergencePx, 2.0 * options_.max_part_shift_px});
     if (!match || (match->warp.center_px - initial.center_px).norm() > options_.max_part_shift_px) {

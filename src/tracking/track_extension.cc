@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <optional>
 #include <unordered_map>
 #include <utility>
@@ -25,8 +26,7 @@ struct Sighting {
 /// A track on its way beyond one of its ends.
 struct Runner {
   int track = 0;
-  PatchTemplate patch;
-  std::vector<std::pair<Eigen::Vector2d, PatchTemplate>> parts;
+  std::unique_ptr<ReferenceView> view;
   Eigen::Vector2d pixel;  ///< in the image before
   Eigen::Matrix2d affine_from_reference;
   int num_missed = 0;
@@ -65,7 +65,7 @@ class Extender {
     for (std::size_t k = 0; k + 1 < stamps_.size(); ++k) {
       Start(k);
       flow = EstimateFlow(k, flow);
-      std::vector<std::optional<PatchMatch>> matches(runners_.size());
+      std::vector<std::optional<ReferenceMatch>> matches(runners_.size());
       tbb::parallel_for(tbb::blocked_range<std::size_t>(0, runners_.size(), 8),
                         [&](const tbb::blocked_range<std::size_t>& range) {
                           for (std::size_t r = range.begin(); r < range.end(); ++r) {
@@ -87,10 +87,9 @@ class Extender {
       if (end.stamp_ns != stamps_[k]) continue;  // its end was taken over
       const TrackObservation& reference =
           observations[static_cast<std::size_t>(track.track.reference)];
-      auto patch = matcher_.Prepare(reference.stamp_ns, reference.pixel);
-      if (!patch) continue;
-      runners_.push_back({t, std::move(*patch),
-                          matcher_.PrepareParts(reference.stamp_ns, reference.pixel), end.pixel,
+      auto view = matcher_.Prepare(reference.stamp_ns, reference.pixel);
+      if (!view) continue;
+      runners_.push_back({t, std::make_unique<ReferenceView>(std::move(*view)), end.pixel,
                           forward_ ? track.last_from_reference : track.first_from_reference, 0});
     }
   }
@@ -112,8 +111,8 @@ class Extender {
   }
 
   /// Moves a runner to where flow predicts it, and looks there.
-  std::optional<PatchMatch> Step(const std::optional<SceneFlow>& flow, Timestamp stamp_ns,
-                                 Runner* runner) const {
+  std::optional<ReferenceMatch> Step(const std::optional<SceneFlow>& flow, Timestamp stamp_ns,
+                                     Runner* runner) const {
     if (flow) {
       const auto step = flow->Predict(runner->pixel);
       if (!step) {
@@ -127,20 +126,20 @@ class Extender {
     initial.center_px = runner->pixel;
     initial.affine = runner->affine_from_reference;
     const auto match = ScaleChange(initial.affine) <= options_.registration.max_scale
-                           ? matcher_.Match(runner->patch, initial, stamp_ns)
+                           ? matcher_.Match(runner->view.get(), initial, stamp_ns)
                            : std::nullopt;
-    if (!match || matcher_.PartsDisagree(runner->parts, match->warp, stamp_ns)) {
+    if (!match) {
       ++runner->num_missed;
       return std::nullopt;
     }
-    runner->pixel = match->warp.center_px;
-    runner->affine_from_reference = match->warp.affine;
+    runner->pixel = match->match.warp.center_px;
+    runner->affine_from_reference = match->match.warp.affine;
     runner->num_missed = 0;
     return match;
   }
 
   /// Enters the matches into their tracks; where two tracks meet the longer one prevails.
-  void Settle(std::size_t k, const std::vector<std::optional<PatchMatch>>& matches) {
+  void Settle(std::size_t k, const std::vector<std::optional<ReferenceMatch>>& matches) {
     std::vector<Runner> kept;
     for (std::size_t r = 0; r < runners_.size(); ++r) {
       Runner& runner = runners_[r];
@@ -195,7 +194,9 @@ class Extender {
     if (index < track.reference) --track.reference;
   }
 
-  void Enter(std::size_t k, const PatchMatch& match, RegisteredTrack* track) const {
+  void Enter(std::size_t k, const ReferenceMatch& found, RegisteredTrack* track) const {
+    const PatchMatch& match = found.match;
+    if (found.is_core) track->track.patch_radius_px = options_.registration.core_radius_px;
     const double floor = options_.registration.sigma_floor_px;
     TrackObservation observation;
     observation.stamp_ns = stamps_[k];

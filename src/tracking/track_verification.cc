@@ -112,6 +112,7 @@ void RemoveCondemned(const std::vector<std::vector<Votes>>& votes,
     }
     Track cleaned;
     cleaned.id = track.id;
+    cleaned.patch_radius_px = track.patch_radius_px;
     for (int o = 0; o < static_cast<int>(track.observations.size()); ++o) {
       if (is_condemned(votes[t][o])) {
         ++evidence->num_observations_rejected;

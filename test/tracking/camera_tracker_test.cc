@@ -235,7 +235,7 @@ TEST(CameraTracker, SaysWhenItIsTooDark) {
   CameraTracker tracker("cam_rear", Pinhole(), SmallOptions());
   for (int i = 0; i < 6; ++i) {
     cv::Mat dark;
-    StreetImages(Pinhole())[i].convertTo(dark, CV_8UC1, 0.04);
+    StreetImages(Pinhole())[i].convertTo(dark, CV_8UC1, 0.033);
     ASSERT_TRUE(tracker.AddImage({Stamp(i), dark}).ok());
   }
   const CameraSegment segment = tracker.Segment();

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "tracking/synthetic_scene.h"
 
 namespace scenecalib {
@@ -37,6 +39,26 @@ TEST(DetectFeatures, FindsNothingInAFlatImageOrWhenFull) {
   const cv::Mat image = testing::Render(400, 300, texture);
   EXPECT_TRUE(
       DetectFeatures(image, mask, std::vector<Eigen::Vector2d>(50, {10, 10}), options).empty());
+}
+
+TEST(DetectFeatures, PutsFewIntoABucketOfSmallShare) {
+  const testing::Texture texture(5, 8.0, 40.0);
+  const cv::Mat image = testing::Render(384, 256, texture);
+  const cv::Mat mask(256, 384, CV_8UC1, cv::Scalar(255));
+  DetectionOptions options;
+  options.max_features = 400;
+  const BucketGrid buckets(image.size(), options.bucket_px);
+  ASSERT_EQ(buckets.size(), 24U);
+  std::vector<double> share(buckets.size(), 1.0);
+  const std::size_t scarce = buckets.At(100, 100);
+  share[scarce] = 0.02;
+  const auto count = [&](const std::vector<Eigen::Vector2d>& features) {
+    return std::count_if(features.begin(), features.end(), [&](const Eigen::Vector2d& pixel) {
+      return buckets.At(static_cast<int>(pixel.x()), static_cast<int>(pixel.y())) == scarce;
+    });
+  };
+  EXPECT_GT(count(DetectFeatures(image, mask, {}, options)), 8);
+  EXPECT_LE(count(DetectFeatures(image, mask, {}, options, share)), 3);
 }
 
 }  // namespace

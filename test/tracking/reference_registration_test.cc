@@ -33,13 +33,12 @@ class ReferenceMatcherTest : public ::testing::Test {
   /// The match of a patch around `center_px`, searched where the near side is.
   std::optional<PatchMatch> MatchAt(const Eigen::Vector2d& center_px, bool* parts_disagree) const {
     const ReferenceMatcher matcher(images_, mask_, quality_, options_);
-    const auto patch = matcher.Prepare(kFirst, center_px);
-    if (!patch) return std::nullopt;
+    auto view = matcher.Prepare(kFirst, center_px);
+    if (!view) return std::nullopt;
     PatchWarp initial;
     initial.center_px = center_px;
-    const auto match = matcher.Match(*patch, initial, kSecond);
-    *parts_disagree = match && matcher.PartsDisagree(matcher.PrepareParts(kFirst, center_px),
-                                                     match->warp, kSecond);
+    const auto match = matcher.MatchWhole(&*view, initial, kSecond);
+    *parts_disagree = match && matcher.QuartersDisagree(&*view, match->warp, kSecond);
     return match;
   }
 
@@ -78,6 +77,36 @@ TEST_F(ReferenceMatcherTest, TheResidualAloneGivesMostEdgesAway) {
     num_refused += MatchAt(Eigen::Vector2d(kEdgePx, y), &parts_disagree) ? 0 : 1;
   }
   EXPECT_GE(num_refused, 19) << "of 21";
+}
+
+TEST_F(ReferenceMatcherTest, TheCoreMatchesBesideTheEdge) {
+  constexpr int kBesidePx = 8;  // the whole patch reaches over the edge, its core does not
+  const ReferenceMatcher matcher(images_, mask_, quality_, options_);
+  int num_matched = 0;
+  for (int y = 20; y <= 100; y += 4) {
+    auto view = matcher.Prepare(kFirst, Eigen::Vector2d(kEdgePx - kBesidePx, y));
+    ASSERT_TRUE(view);
+    PatchWarp initial;
+    initial.center_px = view->center_px;
+    const auto found = matcher.Match(&*view, initial, kSecond);
+    if (!found) continue;
+    ++num_matched;
+    EXPECT_LT((found->match.warp.center_px - view->center_px).norm(), 0.15) << y;
+  }
+  EXPECT_GE(num_matched, 11) << "of 21";
+}
+
+TEST_F(ReferenceMatcherTest, NeitherWholeNorCoreMatchesOnTheEdge) {
+  const ReferenceMatcher matcher(images_, mask_, quality_, options_);
+  int num_matched = 0;
+  for (int y = 20; y <= 100; y += 4) {
+    auto view = matcher.Prepare(kFirst, Eigen::Vector2d(kEdgePx, y));
+    if (!view) continue;
+    PatchWarp initial;
+    initial.center_px = view->center_px;
+    num_matched += matcher.Match(&*view, initial, kSecond) ? 1 : 0;
+  }
+  EXPECT_LE(num_matched, 1) << "of 21";
 }
 
 TEST(ReachableNcc, FallsWithTheNoise) {

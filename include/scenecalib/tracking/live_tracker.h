@@ -73,6 +73,8 @@ class LiveTracker {
               ActiveTrack* active_track) const;
   bool FindAgain(const GrayImage& image, const FlowPyramid& pyramid,
                  ActiveTrack* active_track) const;
+  DetectionOptions ReducedDetection(const FlowPyramid& pyramid) const;
+  void LearnSurvival(const FlowPyramid& pyramid, const std::vector<char>& is_extended);
   void EstimateSceneFlow(const std::vector<char>& is_extended);
   void RemoveDuplicates(double scale, FrameTracking* frame);
   void RemoveFixed(FrameTracking* frame);
@@ -85,6 +87,8 @@ class LiveTracker {
   TrackingOptions options_;
   cv::Mat domain_;   ///< 255 where a whole patch sees the scene through the model
   cv::Mat allowed_;  ///< the same, without what was found to be fixed to the vehicle
+  /// Share of the new features of late that could be followed, by bucket of the reduced image.
+  std::vector<double> survival_;
   std::vector<ActiveTrack> active_;
   std::vector<LiveTrack> finished_;
   std::int64_t next_id_ = 0;

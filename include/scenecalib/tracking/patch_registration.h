@@ -38,6 +38,7 @@ struct PatchRegistrationLimits {
   int max_iterations = 12;
   double convergence_px = 0.004;
   double max_correction_px = 3.0;  ///< between the first and the last center_px
+  double hopeless_ncc = -1.0;      ///< with less after three iterations it gives up
 };
 
 /// Outcome of a registration that converged inside the image.
@@ -72,12 +73,18 @@ inline double ReachableNcc(double reference_sigma, double noise_sigma) {
 /// d(o) = d0 or d0 + D o, so that the normal matrix belongs to the reference alone and is
 /// factorised once (inverse-compositional Gauss-Newton; Baker and Matthews, IJCV 2004). A Gaussian
 /// window weighs the centre most.
+///
+/// A view from nearer shows detail that the reference cannot: where the warp stretches an axis of
+/// the patch, a smooth reading averages two places of the other image, so that both are equally
+/// blurred. Where it shrinks one the reference is the sharper: `blur_px` blurs it (ReferencePatch).
 class PatchTemplate {
  public:
-  /// None when the window leaves the image or holds too little structure to be registered.
-  static std::optional<PatchTemplate> Create(const cv::Mat& image, const Eigen::Vector2d& center_px,
-                                             int radius_px, WarpFreedom freedom,
-                                             PatchReading reading = PatchReading::kSmooth);
+  /// `blur_px` is the standard deviation of a blur of the reference along its axes, smooth reading
+  /// only. None when the window leaves the image or holds too little structure to be registered.
+  static std::optional<PatchTemplate> Create(
+      const cv::Mat& image, const Eigen::Vector2d& center_px, int radius_px, WarpFreedom freedom,
+      PatchReading reading = PatchReading::kSmooth,
+      const Eigen::Vector2d& blur_px = Eigen::Vector2d::Zero());
 
   /// Refines `initial` on another 8-bit grey image. None when the window leaves that image, the
   /// iteration does not converge within the limits or the warp degenerates.
@@ -91,6 +98,8 @@ class PatchTemplate {
   using SmallVector = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, 8, 1>;
 
   bool Sample(const cv::Mat& image, const PatchWarp& warp, Eigen::VectorXf* values) const;
+  double Correlation(const Eigen::VectorXf& values) const;
+  void SampleOnce(const cv::Mat& image, const PatchWarp& warp, float* values) const;
 
   int radius_px_ = 0;
   PatchReading reading_ = PatchReading::kSmooth;
@@ -101,6 +110,32 @@ class PatchTemplate {
   SmallMatrix inverse_;              ///< of design^T W design
   Eigen::Matrix2d unit_covariance_;  ///< of d0 for residuals of unit variance
   double variance_ = 0.0;            ///< weighted variance of the reference
+};
+
+/// Views of one patch of a reference image, each blurred as another image needs it: where the warp
+/// shrinks an axis of the patch, the reference shows detail that the other image cannot.
+class ReferencePatch {
+ public:
+  /// As PatchTemplate::Create; the image's pixels are shared, not copied.
+  static std::optional<ReferencePatch> Create(const cv::Mat& image,
+                                              const Eigen::Vector2d& center_px, int radius_px,
+                                              WarpFreedom freedom);
+
+  /// As PatchTemplate::Register, from the view that suits `initial`. Not thread-safe: views are
+  /// made when first needed.
+  std::optional<PatchMatch> Register(const cv::Mat& image, const PatchWarp& initial,
+                                     const PatchRegistrationLimits& limits);
+
+ private:
+  static constexpr int kNumBlurs = 4;
+
+  cv::Mat image_;
+  Eigen::Vector2d center_px_ = Eigen::Vector2d::Zero();
+  int radius_px_ = 0;
+  WarpFreedom freedom_ = WarpFreedom::kShift;
+  /// By the blur of the first and the second axis. The sharp one is always there.
+  std::optional<PatchTemplate> views_[kNumBlurs][kNumBlurs];
+  bool is_tried_[kNumBlurs][kNumBlurs] = {};
 };
 
 /// Grey value and gradient of an 8-bit image read through the cubic B-spline kernel. The pixel must

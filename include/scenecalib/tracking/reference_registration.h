@@ -37,6 +37,23 @@ struct RegisteredTrack {
   Eigen::Matrix2d last_from_reference = Eigen::Matrix2d::Identity();   ///< affine, last sighting
 };
 
+/// The patch of a track's reference view: the whole of it, its quarters and its core.
+struct ReferenceView {
+  Timestamp stamp_ns = 0;
+  Eigen::Vector2d center_px = Eigen::Vector2d::Zero();
+  ReferencePatch whole;
+  /// Made when first needed.
+  std::optional<ReferencePatch> core;
+  bool has_core = true;
+  std::optional<std::vector<std::pair<Eigen::Vector2d, PatchTemplate>>> quarters;  ///< by offset
+};
+
+/// A sighting as found by registration.
+struct ReferenceMatch {
+  PatchMatch match;
+  bool is_core = false;  ///< only the core of the patch matches
+};
+
 /// The registration of single sightings against a reference view, and its criteria.
 class ReferenceMatcher {
  public:
@@ -45,19 +62,33 @@ class ReferenceMatcher {
                    const ImageQuality& quality, const RegistrationOptions& options);
 
   /// The patch around a whole pixel of an image; none where there is too little to see.
-  std::optional<PatchTemplate> Prepare(Timestamp stamp_ns, const Eigen::Vector2d& center_px) const;
+  std::optional<ReferenceView> Prepare(Timestamp stamp_ns, const Eigen::Vector2d& center_px) const;
 
-  /// None when the patch does not match. The covariance is that of the match, both images' noise.
-  std::optional<PatchMatch> Match(const PatchTemplate& patch, const PatchWarp& initial,
-                                  Timestamp stamp_ns) const;
+  /// None when the whole patch does not match. The covariance is that of the match, both images'
+  /// noise.
+  std::optional<PatchMatch> MatchWhole(ReferenceView* view, const PatchWarp& initial,
+                                       Timestamp stamp_ns) const;
+
+  /// The core alone, where a depth edge or an occluder crosses the whole: it has to be much more
+  /// certain and alike.
+  std::optional<PatchMatch> MatchCore(ReferenceView* view, const PatchWarp& initial,
+                                      Timestamp stamp_ns) const;
 
   /// True where the quarters of a reference patch move unlike the whole.
-  bool PartsDisagree(const std::vector<std::pair<Eigen::Vector2d, PatchTemplate>>& parts,
-                     const PatchWarp& warp, Timestamp stamp_ns) const;
-  std::vector<std::pair<Eigen::Vector2d, PatchTemplate>> PrepareParts(
-      Timestamp stamp_ns, const Eigen::Vector2d& center_px) const;
+  bool QuartersDisagree(ReferenceView* view, const PatchWarp& warp, Timestamp stamp_ns) const;
+
+  /// The whole where its quarters agree with it, else the core.
+  std::optional<ReferenceMatch> Match(ReferenceView* view, const PatchWarp& initial,
+                                      Timestamp stamp_ns) const;
 
  private:
+  struct Criteria {
+    double max_sigma_px;
+    double max_residual_levels;
+  };
+  PatchRegistrationLimits Limits() const;
+  std::optional<PatchMatch> Judge(const std::optional<PatchMatch>& match,
+                                  const Criteria& criteria) const;
   bool IsAllowed(const Eigen::Vector2d& pixel) const;
 
   const std::map<Timestamp, cv::Mat>& images_;
@@ -74,10 +105,10 @@ double ScaleChange(const Eigen::Matrix2d& affine);
 /// against the patch of one reference view near the middle of its track, so that no error can
 /// accumulate along the track. Observations that do not match the reference are dropped, among them
 /// those that leave a residual beyond noise or whose quarters disagree: there the patch straddles a
-/// depth edge, and what it follows is not what lies at its centre. Where the
-/// scale changes too much for one reference the track is split, and the parts are separate tracks
-/// (they see points near each other, but not the same one). The scene point of a track is the whole
-/// pixel nearest to where the live tracker was in the reference view.
+/// depth edge, and what it follows is not what lies at its centre; unless the patch's core alone
+/// matches well. Where the scale changes too much for one reference the track is split, and the
+/// parts are separate tracks (they see points near each other, but not the same one). The scene
+/// point of a track is the whole pixel nearest to where the live tracker was in the reference view.
 ///
 /// Ids are live id * kMaxTrackParts + part. Parallel over tracks; the result does not depend on the
 /// number of threads. `quality` is what the images are worth on the whole; `mask` is zero where an

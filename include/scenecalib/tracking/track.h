@@ -22,6 +22,9 @@ struct Track {
   std::vector<TrackObservation> observations;
   /// Index into `observations` of the view that the others were registered against.
   int reference = 0;
+  /// Half edge of the patch beyond which the reference view is known to hold other things, a depth
+  /// edge; 0: nothing is known.
+  int patch_radius_px = 0;
 };
 
 /// Evidence of one image's tracking.

@@ -7,18 +7,19 @@ namespace scenecalib {
 /// Where new features are looked for.
 struct DetectionOptions {
   int max_features = 1500;
-  double min_distance_px = 9.0;
+  double min_distance_px = 6.0;
   int bucket_px = 64;
-  double bucket_share = 2.5;
-  double min_relative_score = 3e-4;
+  double bucket_share = 8.0;
+  double min_relative_score = 1e-3;
   double min_contrast = 6.0;
 
   void Visit(OptionVisitor& v) {
     v.Field("max_features", &max_features, {50, 20000}, "live features aimed at in every image");
     v.Field("min_distance_px", &min_distance_px, {3, 100}, "distance kept between two features");
     v.Field("bucket_px", &bucket_px, {16, 1024}, "edge of a bucket that features are spread over");
-    v.Field("bucket_share", &bucket_share, {1, 100},
-            "features a bucket may hold, as a multiple of the even share");
+    v.Field(
+        "bucket_share", &bucket_share, {1, 100},
+        "features a bucket may hold where they can be followed, as a multiple of the even share");
     v.Field("min_relative_score", &min_relative_score, {0, 1},
             "smallest corner score as a share of the image's strongest corner");
     v.Field("min_contrast", &min_contrast, {0, 255},
@@ -61,12 +62,15 @@ struct RegistrationOptions {
   double max_live_scale = 1.35;
   double max_scale = 2.5;
   double max_correction_px = 3.0;
-  double max_sigma_px = 0.3;
+  double max_sigma_px = 0.1;
   double sigma_floor_px = 0.02;
   double noise_correlation = 4.0;
   double max_residual_noise = 2.0;
   double max_residual_contrast = 0.04;
   double max_part_shift_px = 0.45;
+  int core_radius_px = 6;
+  double max_core_sigma_px = 0.1;
+  double max_core_residual = 0.6;
 
   void Visit(OptionVisitor& v) {
     v.Field("live_radius_px", &live_radius_px, {3, 30},
@@ -83,8 +87,10 @@ struct RegistrationOptions {
             "a track that changes more is split");
     v.Field("max_correction_px", &max_correction_px, {0.1, 50},
             "registration may move an observation this far from where the flow put it");
-    v.Field("max_sigma_px", &max_sigma_px, {0.01, 10},
-            "observations less certain than this, in any direction, are dropped");
+    v.Field(
+        "max_sigma_px", &max_sigma_px, {0.01, 10},
+        "observations less certain than this, in any direction, in their own pixels or those of "
+        "the reference view, are dropped");
     v.Field("sigma_floor_px", &sigma_floor_px, {0, 1},
             "error of a registration that its residual does not show, added to its covariance");
     v.Field("noise_correlation", &noise_correlation, {1, 100},
@@ -97,6 +103,12 @@ struct RegistrationOptions {
             "holds things at different depths");
     v.Field("max_part_shift_px", &max_part_shift_px, {0.05, 100},
             "how far a quarter of the patch may lie from where the whole patch puts it");
+    v.Field("core_radius_px", &core_radius_px, {3, 40},
+            "half edge of the patch's core, which may match alone where the whole does not");
+    v.Field("max_core_sigma_px", &max_core_sigma_px, {0.01, 10},
+            "an observation by the core alone has to be this certain");
+    v.Field("max_core_residual", &max_core_residual, {0, 10},
+            "share of the permitted difference that an observation by the core alone may have");
   }
 };
 
