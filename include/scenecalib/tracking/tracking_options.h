@@ -7,7 +7,7 @@ namespace scenecalib {
 /// Where new features are looked for.
 struct DetectionOptions {
   int max_features = 1500;
-  double min_distance_px = 6.0;
+  double min_distance_px = 7.5;
   int bucket_px = 64;
   double bucket_share = 8.0;
   double min_relative_score = 1e-3;
@@ -56,7 +56,7 @@ struct RegistrationOptions {
   int live_radius_px = 7;
   int radius_px = 10;
   int max_iterations = 12;
-  double convergence_px = 0.004;
+  double convergence_px = 0.01;
   double min_live_ncc = 0.75;
   double min_ncc = 0.85;
   double max_live_scale = 1.35;
