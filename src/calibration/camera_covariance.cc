@@ -3,8 +3,10 @@
 
 #include <Eigen/SparseCholesky>
 #include <Eigen/SparseCore>
+#include <algorithm>
 #include <cmath>
 #include <map>
+#include <optional>
 
 #include "problem_assembly.h"
 #include "scenecalib/calibration/calibration_problem.h"
@@ -15,45 +17,17 @@ namespace {
 using SparseMatrix = Eigen::SparseMatrix<double, Eigen::RowMajor>;
 using ColumnMatrix = Eigen::SparseMatrix<double>;
 
-/// Robustified Jacobian and residuals of the given residual blocks.
-bool EvaluateBlocks(const AssembledProblem& assembled,
-                    const std::vector<ceres::ResidualBlockId>& ids, SparseMatrix* jacobian,
-                    Eigen::VectorXd* residuals) {
-  if (ids.empty()) return false;
+bool EvaluatePriors(const AssembledProblem& assembled, SparseMatrix* jacobian) {
   ceres::Problem::EvaluateOptions options;
   options.parameter_blocks = assembled.blocks;
-  options.residual_blocks = ids;
+  options.residual_blocks = assembled.priors;
   options.num_threads = 1;
   ceres::CRSMatrix crs;
-  std::vector<double> values;
-  if (!assembled.problem->Evaluate(options, nullptr, &values, nullptr, &crs)) return false;
+  if (!assembled.problem->Evaluate(options, nullptr, nullptr, nullptr, &crs)) return false;
   *jacobian = Eigen::Map<const SparseMatrix>(crs.num_rows, crs.num_cols,
                                              static_cast<Eigen::Index>(crs.values.size()),
                                              crs.rows.data(), crs.cols.data(), crs.values.data());
-  *residuals =
-      Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
   return true;
-}
-
-/// Gradient of the data's cost, summed by block of time: one column per block.
-Eigen::MatrixXd ScoresByBlock(const std::vector<TransferTerm>& terms, const SparseMatrix& jacobian,
-                              const Eigen::VectorXd& residuals, double block_s) {
-  const auto block_ns = static_cast<Timestamp>(block_s * 1e9);
-  std::map<Timestamp, Eigen::VectorXd> scores;
-  for (std::size_t i = 0; i < terms.size(); ++i) {
-    const auto entry = scores.try_emplace(terms[i].target_stamp_ns / block_ns,
-                                          Eigen::VectorXd::Zero(jacobian.cols()));
-    Eigen::VectorXd& score = entry.first->second;
-    for (int row = static_cast<int>(2 * i); row < static_cast<int>(2 * i + 2); ++row) {
-      for (SparseMatrix::InnerIterator it(jacobian, row); it; ++it) {
-        score[it.col()] += it.value() * residuals[row];
-      }
-    }
-  }
-  Eigen::MatrixXd columns(jacobian.cols(), static_cast<Eigen::Index>(scores.size()));
-  Eigen::Index column = 0;
-  for (const auto& entry : scores) columns.col(column++) = entry.second;
-  return columns;
 }
 
 /// First column of every parameter block of a Jacobian.
@@ -65,6 +39,50 @@ std::map<const double*, Eigen::Index> FirstColumns(const AssembledProblem& assem
     column += assembled.problem->ParameterBlockSize(block);
   }
   return first;
+}
+
+/// What the data says of all parameters: J^T W J, and J^T W r by second of the targets, a column
+/// each.
+struct DataEquations {
+  ColumnMatrix information;
+  Eigen::MatrixXd scores;
+};
+
+std::optional<DataEquations> SumOfGroups(const AssembledProblem& assembled,
+                                         const std::map<const double*, Eigen::Index>& first_columns,
+                                         Eigen::Index num_columns) {
+  std::vector<Eigen::Triplet<double>> entries;
+  std::map<Timestamp, Eigen::VectorXd> scores;
+  for (const auto& group : assembled.groups) {
+    const std::vector<double*>& blocks = group->blocks();
+    GroupEquations equations;
+    if (!group->Evaluate(blocks.data(), true, &equations)) return std::nullopt;
+    std::vector<Eigen::Index> columns;
+    for (std::size_t b = 0; b < blocks.size(); ++b) {
+      for (int k = 0; k < group->block_sizes()[b]; ++k) {
+        columns.push_back(first_columns.at(blocks[b]) + k);
+      }
+    }
+    Eigen::VectorXd& score =
+        scores.try_emplace(group->target_second(), Eigen::VectorXd::Zero(num_columns))
+            .first->second;
+    for (std::size_t i = 0; i < columns.size(); ++i) {
+      const auto row = static_cast<Eigen::Index>(i);
+      score[columns[i]] += equations.gradient[row];
+      for (std::size_t j = 0; j < columns.size(); ++j) {
+        const auto column = static_cast<Eigen::Index>(j);
+        entries.emplace_back(columns[i], columns[j],
+                             equations.information(std::max(row, column), std::min(row, column)));
+      }
+    }
+  }
+  DataEquations sum;
+  sum.information.resize(num_columns, num_columns);
+  sum.information.setFromTriplets(entries.begin(), entries.end());
+  sum.scores.resize(num_columns, static_cast<Eigen::Index>(scores.size()));
+  Eigen::Index column = 0;
+  for (const auto& entry : scores) sum.scores.col(column++) = entry.second;
+  return sum;
 }
 
 /// The priors' Jacobian as the errors of the prior spread: those of the intrinsics are
@@ -97,26 +115,23 @@ Eigen::Vector3d LargerStddev(const Eigen::Matrix3d& formal, const Eigen::Matrix3
 
 }  // namespace
 
-Result<std::vector<CameraStddev>> CalibrationProblem::EstimateStddev(double block_s) const {
+Result<std::vector<CameraStddev>> CalibrationProblem::EstimateStddev() const {
   const AssembledProblem assembled = AssembleProblem(*this);
   const std::map<const double*, Eigen::Index> first_columns = FirstColumns(assembled);
-  SparseMatrix data;
   SparseMatrix prior;
-  Eigen::VectorXd residuals;
-  Eigen::VectorXd prior_residuals;
-  if (!EvaluateBlocks(assembled, assembled.terms, &data, &residuals) ||
-      !EvaluateBlocks(assembled, assembled.priors, &prior, &prior_residuals)) {
-    return Status::NumericalFailure("residuals cannot be evaluated at the solution");
+  if (!EvaluatePriors(assembled, &prior)) {
+    return Status::NumericalFailure("priors cannot be evaluated at the solution");
   }
-  const ColumnMatrix information =
-      ColumnMatrix(data.transpose() * data) + ColumnMatrix(prior.transpose() * prior);
+  const std::optional<DataEquations> data = SumOfGroups(assembled, first_columns, prior.cols());
+  if (!data) return Status::NumericalFailure("residuals cannot be evaluated at the solution");
+  const ColumnMatrix information = data->information + ColumnMatrix(prior.transpose() * prior);
   const Eigen::SimplicialLDLT<ColumnMatrix> factor(information);
   if (factor.info() != Eigen::Success) {
     return Status::NumericalFailure("the normal equations are singular");
   }
-  // Sandwich H^-1 (sum_b g_b g_b^T + Q^T Q) H^-1: the spread of the scores over blocks of time, and
-  // of the priors.
-  const Eigen::MatrixXd influence = factor.solve(ScoresByBlock(terms, data, residuals, block_s));
+  // Sandwich H^-1 (sum_b g_b g_b^T + Q^T Q) H^-1: the spread of the scores over seconds, and of the
+  // priors.
+  const Eigen::MatrixXd influence = factor.solve(data->scores);
   const SparseMatrix prior_spread = SpreadOfPriors(*this, prior, first_columns);
 
   std::vector<CameraStddev> result(cameras->size());
@@ -129,7 +144,7 @@ Result<std::vector<CameraStddev>> CalibrationProblem::EstimateStddev(double bloc
       const auto found = first_columns.find(block);
       if (found == first_columns.end()) return Eigen::Vector3d(0.0, 0.0, 0.0);
       const Eigen::Index column = found->second;
-      Eigen::MatrixXd unit = Eigen::MatrixXd::Zero(data.cols(), size);
+      Eigen::MatrixXd unit = Eigen::MatrixXd::Zero(prior.cols(), size);
       unit.middleRows(column, size).setIdentity();
       const Eigen::MatrixXd inverse = factor.solve(unit);
       const Eigen::MatrixXd spread = influence.middleRows(column, size);

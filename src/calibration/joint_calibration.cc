@@ -14,7 +14,6 @@ namespace {
 
 constexpr double kRadPerDeg = 0.017453292519943295;
 constexpr double kMinResidualSigma = 0.3;
-constexpr double kStddevBlock_s = 1.0;
 /// A principal point that is not known better than this share of its prior was not shown.
 constexpr double kUnresolvedShare = 0.5;
 
@@ -202,7 +201,7 @@ Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& camera
     if (!solved.ok()) return solved.status();
     joint.converged = solved->converged;
     if (round + 1 == options.joint.num_rounds) {
-      Result<std::vector<CameraStddev>> stddev = problem.EstimateStddev(kStddevBlock_s);
+      Result<std::vector<CameraStddev>> stddev = problem.EstimateStddev();
       if (!stddev.ok()) return stddev.status();
       joint.stddev = *stddev;
       if (!options.hold_intrinsics) JudgeIntrinsics(problem, &joint);

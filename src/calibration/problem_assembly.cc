@@ -1,12 +1,9 @@
 #include "problem_assembly.h"
 
-#include <ceres/loss_function.h>
-
 #include <cmath>
 
 #include "prior_costs.h"
 #include "scenecalib/geometry/so3.h"
-#include "transfer_cost.h"
 
 namespace scenecalib {
 namespace {
@@ -82,13 +79,9 @@ void AddCorrectionPriors(const CalibrationProblem& p, AssembledProblem* assemble
 AssembledProblem AssembleProblem(const CalibrationProblem& p) {
   AssembledProblem assembled;
   assembled.problem = std::make_unique<ceres::Problem>();
-  // Whitened residuals are divided by their estimated sigma, so that the robust loss and the priors
-  // are measured in the same unit.
-  auto* loss = new ceres::CauchyLoss(p.loss_scale);
-  for (const TransferTerm& term : p.terms) {
-    auto* cost = new TransferCost(&term, p.cameras, p.correction, p.free, 1.0 / p.residual_sigma);
-    assembled.terms.push_back(
-        assembled.problem->AddResidualBlock(cost, loss, cost->parameter_blocks()));
+  assembled.groups = GroupTerms(p);
+  for (const auto& group : assembled.groups) {
+    assembled.problem->AddResidualBlock(new TermGroupCost(group.get()), nullptr, group->blocks());
   }
   AddCameraPriors(p, &assembled);
   if (p.free.correction) AddCorrectionPriors(p, &assembled);

@@ -95,9 +95,9 @@ struct CalibrationProblem {
   Result<SolveEvidence> Solve();
 
   /// Standard deviations of every camera at the present parameters, parallel to cameras. The larger
-  /// of the formal covariance and of a sandwich estimate over blocks of time, which sees errors
+  /// of the formal covariance and of a sandwich estimate over seconds of time, which sees errors
   /// that the terms of one stretch of road share. What the data does not show has its prior's.
-  Result<std::vector<CameraStddev>> EstimateStddev(double block_s) const;
+  Result<std::vector<CameraStddev>> EstimateStddev() const;
 };
 
 /// Sets each term's whitening from the pixel covariances carried through the transfer and the

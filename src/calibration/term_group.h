@@ -1,0 +1,89 @@
+#pragma once
+
+#include <ceres/cost_function.h>
+
+#include <Eigen/Core>
+#include <memory>
+#include <vector>
+
+#include "scenecalib/calibration/calibration_problem.h"
+
+namespace scenecalib {
+
+/// What a group of terms says about its parameters, robustified: J^T W J (its lower triangle),
+/// J^T W r and the sum of the robust costs (twice what Ceres calls the cost).
+struct GroupEquations {
+  Eigen::MatrixXd information;
+  Eigen::VectorXd gradient;
+  double cost = 0.0;
+};
+
+/// Terms that share most of their parameters: those of one second of target images and one second
+/// of source images. Their part of the normal equations is summed up directly, over all threads and
+/// always in the same order.
+class TermGroup {
+ public:
+  /// The problem and its terms must outlive the group.
+  TermGroup(const CalibrationProblem& problem, std::vector<int> terms);
+
+  /// What the group depends on, and how many values each has.
+  const std::vector<double*>& blocks() const { return blocks_; }
+  const std::vector<int>& block_sizes() const { return block_sizes_; }
+  int num_columns() const { return num_columns_; }
+  /// Second of the targets, from the clock's zero.
+  Timestamp target_second() const { return target_second_; }
+
+  /// At the values given, one pointer per block. `information` and `gradient` are left alone unless
+  /// asked for. False when a term cannot be evaluated there.
+  bool Evaluate(double const* const* values, bool with_derivatives,
+                GroupEquations* equations) const;
+
+ private:
+  /// Columns of a camera's blocks; -1 where it is not free.
+  struct CameraColumns {
+    int rotation = -1;
+    int translation = -1;
+    int intrinsics = -1;
+    int time_offset = -1;
+  };
+  struct State;
+  struct TermJacobian;
+
+  int AddBlock(double* values, int size);
+  void AddCamera(int camera);
+  State StateAt(double const* const* values) const;
+  void AddCameraColumns(const TransferTerm& term, const TransferViewJacobians& by_view,
+                        const TransferView& view, int camera, TermJacobian* jacobian) const;
+  bool EvaluateSlice(const State& state, std::size_t first, std::size_t last, bool with_derivatives,
+                     GroupEquations* equations) const;
+
+  const CalibrationProblem& problem_;
+  std::vector<int> terms_;
+  std::vector<double*> blocks_;
+  std::vector<int> block_sizes_;
+  std::vector<CameraColumns> camera_columns_;  ///< of all cameras
+  std::vector<int> knot_columns_;              ///< of all knots; -1: not in the group
+  int num_columns_ = 0;
+  Timestamp target_second_ = 0;
+};
+
+/// The terms of a problem by seconds.
+std::vector<std::unique_ptr<TermGroup>> GroupTerms(const CalibrationProblem& problem);
+
+/// A group as Ceres sees it. Of n parameters there are n residuals e = L^-1 g with the Jacobian
+/// L^T, where L L^T is the information matrix, and one more that brings the sum of squares to the
+/// robust cost: the same normal equations, gradient and cost as the terms have, at a cost to the
+/// solver that does not grow with their number.
+class TermGroupCost : public ceres::CostFunction {
+ public:
+  /// The group must outlive the cost.
+  explicit TermGroupCost(const TermGroup* group);
+
+  bool Evaluate(double const* const* parameters, double* residuals,
+                double** jacobians) const override;
+
+ private:
+  const TermGroup* group_;
+};
+
+}  // namespace scenecalib
