@@ -29,9 +29,8 @@ struct CameraChange {
 /// A parameter counts as moved when its change exceeds both.
 struct ComparisonLimits {
   double sigmas = 3.0;
-  /// Standard deviations are widened by this: the stated ones do not see errors that a whole
-  /// recording shares (docs/accuracy.md).
-  double stddev_factor = 3.0;
+  /// Standard deviations are widened by this.
+  double stddev_factor = 1.0;
 };
 
 /// Every camera of `first` against that of the same name in `second`; cameras that only `second`
