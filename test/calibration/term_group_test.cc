@@ -1,0 +1,160 @@
+#include "../../src/calibration/term_group.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+
+#include "scenecalib/base/random.h"
+#include "scenecalib/geometry/so3.h"
+#include "scenecalib/sensor/camera_factory.h"
+
+namespace scenecalib {
+namespace {
+
+/// Two cameras that look down on the ground z = 0 from a lidar 10 m above it, which moves along x
+/// for three seconds.
+class TermGroupTest : public ::testing::Test {
+ protected:
+  TermGroupTest() : correction_(0, AddSeconds(0, 3.0), 0.5) {
+    CameraIntrinsics intrinsics;
+    intrinsics.model = "plumb_bob";
+    intrinsics.width_px = 1000;
+    intrinsics.height_px = 1000;
+    intrinsics.focal_px = {400.0, 400.0};
+    intrinsics.principal_point_px = {500.0, 500.0};
+    intrinsics.distortion = {0.0, 0.0, 0.0, 0.0, 0.0};
+    model_ = CreateCameraModel(intrinsics).value();
+    Eigen::Matrix3d down;
+    down << 1, 0, 0, 0, -1, 0, 0, 0, -1;
+    for (int c = 0; c < 2; ++c) {
+      CameraParameters camera;
+      camera.model = model_.get();
+      camera.intrinsics << 1.0, 500.0, 500.0;
+      camera.base_lidar_from_camera = Rigid3(Eigen::Quaterniond(down), {0.2 * c, 0.0, 0.0});
+      cameras_.push_back(camera);
+    }
+    problem_.cameras = &cameras_;
+    problem_.correction = &correction_;
+    problem_.free.intrinsics = true;
+    problem_.free.time_offset = true;
+    problem_.free.correction = true;
+    problem_.residual_sigma = 0.7;
+    Random random(3);
+    for (int i = 0; i < 40; ++i) problem_.terms.push_back(MakeTerm(&random));
+  }
+
+  TransferView ViewAt(double time_s, Random* random) const {
+    TransferView view;
+    view.map_from_lidar.translation = {time_s, 0.1 * time_s, 10.0};
+    view.twist_in_lidar << 0.0, 0.0, 0.02, 1.0, 0.1, 0.0;
+    view.pixel = {random->Uniform(300.0, 700.0), random->Uniform(300.0, 700.0)};
+    return view;
+  }
+
+  TransferTerm MakeTerm(Random* random) const {
+    TransferTerm term;
+    term.source_camera = random->Uniform() < 0.5 ? 0 : 1;
+    term.target_camera = random->Uniform() < 0.5 ? 0 : 1;
+    const double source_s = random->Uniform(0.0, 3.0);
+    const double target_s = random->Uniform(0.0, 3.0);
+    term.source = ViewAt(source_s, random);
+    term.target = ViewAt(target_s, random);
+    term.source_place = correction_.Locate(AddSeconds(0, source_s));
+    term.target_place = correction_.Locate(AddSeconds(0, target_s));
+    term.target_stamp_ns = AddSeconds(0, target_s);
+    // Residuals of hundreds of pixels, some of which the robust loss has to take down.
+    term.whitening << 0.01, 0.002, 0.0, 0.02;
+    return term;
+  }
+
+  /// Twice Ceres' cost at the parameters as they are.
+  double CostOf(const TermGroup& group) const {
+    GroupEquations equations;
+    EXPECT_TRUE(group.Evaluate(group.blocks().data(), false, &equations));
+    return equations.cost;
+  }
+
+  CameraModelPtr model_;
+  std::vector<CameraParameters> cameras_;
+  TrajectoryCorrection correction_;
+  CalibrationProblem problem_;
+};
+
+TEST_F(TermGroupTest, EveryTermIsInOneGroupOfItsSecond) {
+  std::size_t num_seconds = 0;
+  Timestamp last = -1;
+  for (const auto& group : GroupTerms(problem_)) {
+    EXPECT_GE(group->target_second(), last) << "in the order of time";
+    if (group->target_second() != last) ++num_seconds;
+    last = group->target_second();
+  }
+  EXPECT_EQ(num_seconds, 3U);
+}
+
+TEST_F(TermGroupTest, GradientIsThatOfTheCost) {
+  for (const auto& group : GroupTerms(problem_)) {
+    GroupEquations equations;
+    ASSERT_TRUE(group->Evaluate(group->blocks().data(), true, &equations));
+    EXPECT_NEAR(equations.cost, CostOf(*group), 1e-9 * equations.cost);
+    int column = 0;
+    for (std::size_t b = 0; b < group->blocks().size(); ++b) {
+      for (int k = 0; k < group->block_sizes()[b]; ++k, ++column) {
+        double& value = group->blocks()[b][k];
+        const double before = value;
+        const double step = 1e-5;
+        value = before + step;
+        const double after_step = CostOf(*group);
+        value = before - step;
+        const double before_step = CostOf(*group);
+        value = before;
+        const double expected = 0.5 * (after_step - before_step) / (2.0 * step);
+        EXPECT_NEAR(equations.gradient[column], expected, 1e-4 * std::max(1.0, std::abs(expected)));
+      }
+    }
+  }
+}
+
+TEST_F(TermGroupTest, CeresSeesTheSameEquationsAndCost) {
+  for (const auto& group : GroupTerms(problem_)) {
+    GroupEquations equations;
+    ASSERT_TRUE(group->Evaluate(group->blocks().data(), true, &equations));
+    const TermGroupCost cost(group.get());
+    const int n = group->num_columns();
+    Eigen::VectorXd residuals(n + 1);
+    std::vector<std::vector<double>> storage;
+    std::vector<double*> jacobians;
+    for (const int size : group->block_sizes()) storage.emplace_back((n + 1) * size);
+    for (auto& block : storage) jacobians.push_back(block.data());
+    ASSERT_TRUE(cost.Evaluate(group->blocks().data(), residuals.data(), jacobians.data()));
+    Eigen::MatrixXd jacobian(n + 1, n);
+    int column = 0;
+    for (std::size_t b = 0; b < storage.size(); ++b) {
+      using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+      const int size = group->block_sizes()[b];
+      jacobian.middleCols(column, size) = Eigen::Map<RowMajor>(storage[b].data(), n + 1, size);
+      column += size;
+    }
+    const Eigen::MatrixXd information = equations.information.selfadjointView<Eigen::Lower>();
+    const double scale = information.cwiseAbs().maxCoeff();
+    EXPECT_LT((jacobian.transpose() * jacobian - information).cwiseAbs().maxCoeff(), 1e-9 * scale);
+    EXPECT_LT((jacobian.transpose() * residuals - equations.gradient).norm(),
+              1e-6 * equations.gradient.norm());
+    EXPECT_NEAR(residuals.squaredNorm(), equations.cost, 1e-9 * equations.cost);
+    Eigen::VectorXd without(n + 1);
+    ASSERT_TRUE(cost.Evaluate(group->blocks().data(), without.data(), nullptr));
+    EXPECT_NEAR(without.squaredNorm(), equations.cost, 1e-9 * equations.cost);
+  }
+}
+
+TEST_F(TermGroupTest, ATermThatCannotBeEvaluatedIsNoZeroResidual) {
+  problem_.terms[7].plane_point_in_map_m.z() = 20.0;  // behind the cameras
+  bool failed = false;
+  for (const auto& group : GroupTerms(problem_)) {
+    GroupEquations equations;
+    failed = failed || !group->Evaluate(group->blocks().data(), false, &equations);
+  }
+  EXPECT_TRUE(failed);
+}
+
+}  // namespace
+}  // namespace scenecalib
