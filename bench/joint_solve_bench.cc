@@ -7,6 +7,7 @@
 #include <Eigen/Geometry>
 #include <cmath>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "scenecalib/base/random.h"
@@ -20,6 +21,7 @@ namespace {
 constexpr int kNumCameras = 12;
 constexpr double kDuration_s = 20.0;
 constexpr double kSpeed_m_s = 8.0;
+constexpr double kImageRate_hz = 10.0;
 constexpr double kCrossCameraShare = 0.3;
 constexpr double kPixelNoise_px = 0.1;
 constexpr int kWidth_px = 960;
@@ -67,9 +69,9 @@ class Scene {
     }
   }
 
-  /// A problem that starts off the truth.
+  /// A problem that starts off the truth, with the scene's terms; to be asked for once.
   CalibrationProblem Problem(std::vector<CameraParameters>* cameras,
-                             TrajectoryCorrection* correction) const {
+                             TrajectoryCorrection* correction) {
     *cameras = cameras_;
     *correction = correction_;
     Random random(6);
@@ -91,7 +93,7 @@ class Scene {
     problem.time_offset_s.assign(kNumCameras, 0.0);
     problem.free.intrinsics = true;
     problem.free.correction = true;
-    problem.terms = terms_;
+    problem.terms = std::move(terms_);
     return problem;
   }
 
@@ -111,6 +113,12 @@ class Scene {
     return view;
   }
 
+  /// The next image of a camera; cameras are not synchronised.
+  static double ImageTime_s(int camera, double time_s) {
+    const double phase = static_cast<double>(camera) / kNumCameras;
+    return (std::ceil(time_s * kImageRate_hz - phase) + phase) / kImageRate_hz;
+  }
+
   /// A pixel on the ground or a wall, seen again up to a second later.
   std::optional<TransferTerm> DrawTerm(Random* random) const {
     TransferTerm term;
@@ -120,8 +128,10 @@ class Scene {
         crosses
             ? (term.source_camera + (random->Uniform() < 0.5 ? 1 : kNumCameras - 1)) % kNumCameras
             : term.source_camera;
-    const double source_s = random->Uniform(0.0, kDuration_s - 1.0);
-    const double target_s = source_s + random->Uniform(0.1, 1.0);
+    const double source_s =
+        ImageTime_s(term.source_camera, random->Uniform(0.0, kDuration_s - 1.1));
+    const double target_s = ImageTime_s(term.target_camera, source_s + random->Uniform(0.1, 1.0));
+    if (!crosses && source_s == target_s) return std::nullopt;
     term.source = ViewAt(source_s);
     term.target = ViewAt(target_s);
     term.source.pixel = {random->Uniform(kBorder_px, kWidth_px - kBorder_px),

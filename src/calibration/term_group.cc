@@ -5,7 +5,10 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <map>
+#include <tuple>
+#include <unordered_map>
 #include <utility>
 
 namespace scenecalib {
@@ -26,85 +29,83 @@ int SourceSecond(const TransferTerm& term, const CalibrationProblem& problem) {
 
 }  // namespace
 
-/// The values that a group's terms are evaluated at.
+/// The values that a group's terms are evaluated at, and the views' poses there.
 struct TermGroup::State {
   std::vector<CameraParameters> cameras;
-  std::vector<const double*> knots;
-
-  Vector6d CorrectionAt(const TrajectoryCorrection::Place& place) const {
-    if (knots.empty()) return Vector6d::Zero();
-    return (1.0 - place.fraction) * Eigen::Map<const Vector6d>(knots[place.index]) +
-           place.fraction * Eigen::Map<const Vector6d>(knots[place.index + 1]);
-  }
+  std::vector<ViewPose> poses;
+  std::vector<ViewColumns> columns;  ///< empty unless derivatives are asked for
 };
 
-/// Jacobian of one whitened residual, by the blocks that it depends on.
-struct TermGroup::TermJacobian {
-  static constexpr int kMaxBlocks = 12;
-  static constexpr int kMaxColumns = 44;  ///< two cameras of 10 and four knots of 6
+/// Finds the views of terms again.
+class TermGroup::ViewIndex {
+ public:
+  explicit ViewIndex(std::vector<View>* views) : views_(*views) {}
 
-  Eigen::Matrix<double, 2, kMaxColumns> values;
-  int first_column[kMaxBlocks];  ///< among the group's columns
-  int place[kMaxBlocks];         ///< among the values'
-  int size[kMaxBlocks];
-  int num_blocks = 0;
-  int num_columns = 0;
-
-  /// A block that two parts of the term depend on is the sum of both.
-  template <typename Derived>
-  void Add(int column, const Eigen::MatrixBase<Derived>& jacobian) {
-    if (column < 0) return;
-    const auto columns = static_cast<int>(jacobian.cols());
-    for (int i = 0; i < num_blocks; ++i) {
-      if (first_column[i] != column) continue;
-      values.middleCols(place[i], columns) += jacobian;
-      return;
-    }
-    first_column[num_blocks] = column;
-    place[num_blocks] = num_columns;
-    size[num_blocks] = columns;
-    values.middleCols(num_columns, columns) = jacobian;
-    num_columns += columns;
-    ++num_blocks;
-  }
-
-  void AddTo(const Eigen::Vector2d& residual, GroupEquations* equations) const {
-    for (int i = 0; i < num_blocks; ++i) {
-      const auto left = values.middleCols(place[i], size[i]);
-      equations->gradient.segment(first_column[i], size[i]) += left.transpose() * residual;
-      for (int j = 0; j < num_blocks; ++j) {
-        if (first_column[j] > first_column[i]) continue;
-        equations->information.block(first_column[i], first_column[j], size[i], size[j])
-            .noalias() += left.transpose().lazyProduct(values.middleCols(place[j], size[j]));
+  int IndexOf(int camera, const TransferView& view, const TrajectoryCorrection::Place& place) {
+    std::vector<int>& candidates = by_hash_[Hash(camera, view)];
+    for (const int i : candidates) {
+      const View& other = views_[i];
+      if (other.camera == camera && other.place.index == place.index &&
+          other.place.fraction == place.fraction &&
+          other.view.map_from_lidar.translation == view.map_from_lidar.translation &&
+          other.view.map_from_lidar.rotation.coeffs() == view.map_from_lidar.rotation.coeffs() &&
+          other.view.twist_in_lidar == view.twist_in_lidar) {
+        return i;
       }
     }
+    candidates.push_back(static_cast<int>(views_.size()));
+    views_.push_back({camera, view, place});
+    return candidates.back();
   }
+
+ private:
+  static std::size_t Hash(int camera, const TransferView& view) {
+    std::size_t hash = static_cast<std::size_t>(camera);
+    for (int k = 0; k < 3; ++k) {
+      hash = hash * 1000003U ^ std::hash<double>()(view.map_from_lidar.translation[k]);
+    }
+    return hash;
+  }
+
+  std::vector<View>& views_;
+  std::unordered_map<std::size_t, std::vector<int>> by_hash_;
 };
 
-TermGroup::TermGroup(const CalibrationProblem& problem, std::vector<int> terms)
+TermGroup::TermGroup(const CalibrationProblem& problem, const std::vector<int>& terms)
     : problem_(problem),
-      terms_(std::move(terms)),
       camera_columns_(problem.cameras->size()),
       knot_columns_(problem.correction->knots().size(), -1) {
+  struct Place {
+    int source = 0;
+    int target = 0;
+    int term = 0;
+  };
+  ViewIndex index(&views_);
+  std::vector<Place> places;
+  places.reserve(terms.size());
+  for (const int i : terms) {
+    const TransferTerm& term = problem.terms[i];
+    places.push_back({index.IndexOf(term.source_camera, term.source, term.source_place),
+                      index.IndexOf(term.target_camera, term.target, term.target_place), i});
+  }
+  std::sort(places.begin(), places.end(), [](const Place& a, const Place& b) {
+    return std::tie(a.source, a.target, a.term) < std::tie(b.source, b.target, b.term);
+  });
+  entries_.reserve(places.size());
+  for (const Place& place : places) {
+    const TransferTerm& term = problem.terms[place.term];
+    entries_.push_back({term.source.pixel, term.target.pixel, term.plane_point_in_map_m,
+                        term.plane_normal_in_map, term.whitening / problem.residual_sigma,
+                        place.source, place.target});
+  }
   // Blocks in a fixed order: cameras, then knots.
   std::vector<bool> has_camera(problem.cameras->size(), false);
-  std::vector<bool> has_knot(knot_columns_.size(), false);
-  for (const int i : terms_) {
-    const TransferTerm& term = problem.terms[i];
-    for (const int camera : {term.source_camera, term.target_camera}) has_camera[camera] = true;
-    if (!problem.free.correction) continue;
-    for (const auto& place : {term.source_place, term.target_place}) {
-      has_knot[place.index] = true;
-      has_knot[place.index + 1] = true;
-    }
-  }
+  for (const View& view : views_) has_camera[view.camera] = true;
   for (std::size_t c = 0; c < has_camera.size(); ++c) {
     if (has_camera[c]) AddCamera(static_cast<int>(c));
   }
-  for (std::size_t k = 0; k < has_knot.size(); ++k) {
-    if (has_knot[k]) knot_columns_[k] = AddBlock(problem.correction->knots()[k].data(), 6);
-  }
-  if (!terms_.empty()) target_second_ = problem.terms[terms_[0]].target_stamp_ns / kSecond_ns;
+  if (problem.free.correction) AddKnots();
+  if (!terms.empty()) target_second_ = problem.terms[terms[0]].target_stamp_ns / kSecond_ns;
 }
 
 int TermGroup::AddBlock(double* values, int size) {
@@ -116,7 +117,7 @@ int TermGroup::AddBlock(double* values, int size) {
 
 void TermGroup::AddCamera(int camera) {
   CameraParameters& parameters = (*problem_.cameras)[camera];
-  CameraColumns& columns = camera_columns_[camera];
+  ViewColumns::Blocks& columns = camera_columns_[camera];
   const FreeParameters& free = problem_.free;
   if (free.rotation) columns.rotation = AddBlock(parameters.rotation_delta_rad.data(), 3);
   if (free.translation) columns.translation = AddBlock(parameters.translation_delta_m.data(), 3);
@@ -124,18 +125,28 @@ void TermGroup::AddCamera(int camera) {
   if (free.time_offset) columns.time_offset = AddBlock(&parameters.time_offset_delta_s, 1);
 }
 
-TermGroup::State TermGroup::StateAt(double const* const* values) const {
+void TermGroup::AddKnots() {
+  std::vector<bool> has_knot(knot_columns_.size(), false);
+  for (const View& view : views_) {
+    has_knot[view.place.index] = true;
+    has_knot[view.place.index + 1] = true;
+  }
+  for (std::size_t k = 0; k < has_knot.size(); ++k) {
+    if (has_knot[k]) knot_columns_[k] = AddBlock(problem_.correction->knots()[k].data(), 6);
+  }
+}
+
+TermGroup::State TermGroup::StateAt(double const* const* values, bool with_derivatives) const {
   State state;
   state.cameras = *problem_.cameras;
-  for (const Vector6d& knot : problem_.correction->knots()) state.knots.push_back(knot.data());
-  std::map<int, const double*> value_of_column;
+  std::vector<const double*> value_of_column(num_columns_);
   int column = 0;
   for (std::size_t i = 0; i < blocks_.size(); ++i) {
     value_of_column[column] = values[i];
     column += block_sizes_[i];
   }
   const auto read = [&value_of_column](int first, int size, double* out) {
-    if (first >= 0) std::copy_n(value_of_column.at(first), size, out);
+    if (first >= 0) std::copy_n(value_of_column[first], size, out);
   };
   for (std::size_t c = 0; c < state.cameras.size(); ++c) {
     read(camera_columns_[c].rotation, 3, state.cameras[c].rotation_delta_rad.data());
@@ -143,80 +154,76 @@ TermGroup::State TermGroup::StateAt(double const* const* values) const {
     read(camera_columns_[c].intrinsics, 3, state.cameras[c].intrinsics.data());
     read(camera_columns_[c].time_offset, 1, &state.cameras[c].time_offset_delta_s);
   }
-  for (std::size_t k = 0; k < state.knots.size(); ++k) {
-    if (knot_columns_[k] >= 0) state.knots[k] = value_of_column.at(knot_columns_[k]);
+  const std::vector<Vector6d>& knots = problem_.correction->knots();
+  const auto knot = [&](int k) -> Vector6d {
+    return knot_columns_[k] < 0
+               ? knots[k]
+               : Vector6d(Eigen::Map<const Vector6d>(value_of_column[knot_columns_[k]]));
+  };
+  state.poses.reserve(views_.size());
+  if (with_derivatives) state.columns.reserve(views_.size());
+  for (const View& view : views_) {
+    Vector6d correction = Vector6d::Zero();
+    if (!knots.empty()) {
+      correction = (1.0 - view.place.fraction) * knot(view.place.index) +
+                   view.place.fraction * knot(view.place.index + 1);
+    }
+    const CameraParameters& camera = state.cameras[view.camera];
+    state.poses.push_back(PoseOf(view.view, camera, correction));
+    if (!with_derivatives) continue;
+    ViewColumns::Blocks blocks = camera_columns_[view.camera];
+    if (problem_.free.correction) {
+      blocks.knots[0] = knot_columns_[view.place.index];
+      blocks.knots[1] = knot_columns_[view.place.index + 1];
+    }
+    state.columns.emplace_back(MotionOf(view.view, camera, correction), view.view.twist_in_lidar,
+                               view.place.fraction, blocks);
   }
   return state;
-}
-
-void TermGroup::AddCameraColumns(const TransferTerm& term, const TransferViewJacobians& by_view,
-                                 const TransferView& view, int camera,
-                                 TermJacobian* jacobian) const {
-  const Eigen::Matrix2d weight = term.whitening / problem_.residual_sigma;
-  const CameraColumns& columns = camera_columns_[camera];
-  jacobian->Add(columns.rotation, weight * by_view.by_rotation);
-  jacobian->Add(columns.translation, weight * by_view.by_translation);
-  jacobian->Add(columns.intrinsics, weight * by_view.by_intrinsics);
-  if (columns.time_offset >= 0) {
-    jacobian->Add(columns.time_offset, weight * (by_view.by_correction * view.twist_in_lidar));
-  }
 }
 
 bool TermGroup::EvaluateSlice(const State& state, std::size_t first, std::size_t last,
                               bool with_derivatives, GroupEquations* equations) const {
   const double loss_square = problem_.loss_scale * problem_.loss_scale;
+  ViewPairSums sums(with_derivatives ? num_columns_ : 0);
   for (std::size_t i = first; i < last; ++i) {
-    const TransferTerm& term = problem_.terms[terms_[i]];
+    const Entry& entry = entries_[i];
     Eigen::Vector2d residual_px;
-    TransferJacobians all;
-    if (!EvaluateTransfer(term.source, state.cameras[term.source_camera],
-                          state.CorrectionAt(term.source_place), term.target,
-                          state.cameras[term.target_camera], state.CorrectionAt(term.target_place),
-                          term.plane_point_in_map_m, term.plane_normal_in_map, &residual_px,
-                          with_derivatives ? &all : nullptr)) {
+    PoseJacobians jacobians;
+    if (!EvaluatePosedTransfer(entry.source_pixel, state.cameras[views_[entry.source].camera],
+                               state.poses[entry.source], entry.target_pixel,
+                               state.cameras[views_[entry.target].camera],
+                               state.poses[entry.target], entry.plane_point_in_map_m,
+                               entry.plane_normal_in_map, &residual_px,
+                               with_derivatives ? &jacobians : nullptr)) {
       return false;
     }
-    const Eigen::Matrix2d weight = term.whitening / problem_.residual_sigma;
-    const Eigen::Vector2d residual = weight * residual_px;
-    const double square = residual.squaredNorm() / loss_square;
+    const double square = (entry.whitening * residual_px).squaredNorm() / loss_square;
     equations->cost += loss_square * std::log1p(square);  // Cauchy
     if (!with_derivatives) continue;
-    TermJacobian jacobian;
-    AddCameraColumns(term, all.source, term.source, term.source_camera, &jacobian);
-    AddCameraColumns(term, all.target, term.target, term.target_camera, &jacobian);
-    if (problem_.free.correction) {
-      const auto add_knots = [&](const TrajectoryCorrection::Place& place,
-                                 const Eigen::Matrix<double, 2, 6>& by_correction) {
-        const Eigen::Matrix<double, 2, 6> weighted = weight * by_correction;
-        jacobian.Add(knot_columns_[place.index], (1.0 - place.fraction) * weighted);
-        jacobian.Add(knot_columns_[place.index + 1], place.fraction * weighted);
-      };
-      add_knots(term.source_place, all.source.by_correction);
-      add_knots(term.target_place, all.target.by_correction);
-    }
-    const double root_weight = std::sqrt(1.0 / (1.0 + square));
-    jacobian.values.leftCols(jacobian.num_columns) *= root_weight;
-    jacobian.AddTo(root_weight * residual, equations);
+    sums.StartPair(&state.columns[entry.source], &state.columns[entry.target]);
+    sums.Add(jacobians, residual_px, entry.whitening * std::sqrt(1.0 / (1.0 + square)));
   }
+  if (!with_derivatives) return true;
+  sums.Finish();
+  equations->information = sums.half_information();
+  equations->gradient = sums.gradient();
   return true;
 }
 
 bool TermGroup::Evaluate(double const* const* values, bool with_derivatives,
                          GroupEquations* equations) const {
-  const State state = StateAt(values);
+  const State state = StateAt(values, with_derivatives);
   const std::size_t num_slices =
-      std::clamp<std::size_t>(terms_.size() / kMinTermsPerSlice, 1, kMaxSlices);
+      std::clamp<std::size_t>(entries_.size() / kMinTermsPerSlice, 1, kMaxSlices);
   std::vector<GroupEquations> slices(num_slices);
   std::vector<char> is_valid(num_slices, 0);
   tbb::parallel_for(std::size_t{0}, num_slices, [&](std::size_t s) {
-    if (with_derivatives) {
-      slices[s].information.setZero(num_columns_, num_columns_);
-      slices[s].gradient.setZero(num_columns_);
-    }
-    is_valid[s] = EvaluateSlice(state, terms_.size() * s / num_slices,
-                                terms_.size() * (s + 1) / num_slices, with_derivatives, &slices[s])
-                      ? 1
-                      : 0;
+    is_valid[s] =
+        EvaluateSlice(state, entries_.size() * s / num_slices,
+                      entries_.size() * (s + 1) / num_slices, with_derivatives, &slices[s])
+            ? 1
+            : 0;
   });
   if (std::any_of(is_valid.begin(), is_valid.end(), [](char valid) { return valid == 0; })) {
     return false;
@@ -227,6 +234,9 @@ bool TermGroup::Evaluate(double const* const* values, bool with_derivatives,
     if (!with_derivatives) continue;
     equations->information += slices[s].information;
     equations->gradient += slices[s].gradient;
+  }
+  if (with_derivatives) {
+    equations->information += equations->information.transpose().eval();
   }
   return true;
 }
@@ -239,10 +249,12 @@ std::vector<std::unique_ptr<TermGroup>> GroupTerms(const CalibrationProblem& pro
         static_cast<int>(i));
   }
   std::vector<std::unique_ptr<TermGroup>> groups;
-  groups.reserve(by_seconds.size());
-  for (auto& entry : by_seconds) {
-    groups.push_back(std::make_unique<TermGroup>(problem, std::move(entry.second)));
-  }
+  groups.resize(by_seconds.size());
+  std::vector<const std::vector<int>*> terms;
+  for (const auto& entry : by_seconds) terms.push_back(&entry.second);
+  tbb::parallel_for(std::size_t{0}, groups.size(), [&](std::size_t g) {
+    groups[g] = std::make_unique<TermGroup>(problem, *terms[g]);
+  });
   return groups;
 }
 
@@ -252,10 +264,25 @@ TermGroupCost::TermGroupCost(const TermGroup* group) : group_(group) {
       std::vector<int32_t>(group->block_sizes().begin(), group->block_sizes().end());
 }
 
+const GroupEquations* TermGroupCost::EquationsAt(double const* const* parameters) const {
+  std::vector<double> here;
+  here.reserve(group_->num_columns());
+  for (std::size_t b = 0; b < group_->block_sizes().size(); ++b) {
+    here.insert(here.end(), parameters[b], parameters[b] + group_->block_sizes()[b]);
+  }
+  if (here != last_parameters_) {
+    last_parameters_.clear();
+    if (!group_->Evaluate(parameters, true, &last_equations_)) return nullptr;
+    last_parameters_ = std::move(here);
+  }
+  return &last_equations_;
+}
+
 bool TermGroupCost::Evaluate(double const* const* parameters, double* residuals,
                              double** jacobians) const {
-  GroupEquations equations;
-  if (!group_->Evaluate(parameters, jacobians != nullptr, &equations)) return false;
+  const GroupEquations* found = EquationsAt(parameters);
+  if (found == nullptr) return false;
+  const GroupEquations& equations = *found;
   const int n = group_->num_columns();
   Eigen::Map<Eigen::VectorXd> mapped(residuals, n + 1);
   mapped.setZero();

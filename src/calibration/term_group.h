@@ -7,11 +7,12 @@
 #include <vector>
 
 #include "scenecalib/calibration/calibration_problem.h"
+#include "view_pair_sums.h"
 
 namespace scenecalib {
 
-/// What a group of terms says about its parameters, robustified: J^T W J (its lower triangle),
-/// J^T W r and the sum of the robust costs (twice what Ceres calls the cost).
+/// What a group of terms says about its parameters, robustified: J^T W J, J^T W r and the sum of
+/// the robust costs (twice what Ceres calls the cost).
 struct GroupEquations {
   Eigen::MatrixXd information;
   Eigen::VectorXd gradient;
@@ -24,7 +25,7 @@ struct GroupEquations {
 class TermGroup {
  public:
   /// The problem and its terms must outlive the group.
-  TermGroup(const CalibrationProblem& problem, std::vector<int> terms);
+  TermGroup(const CalibrationProblem& problem, const std::vector<int>& terms);
 
   /// What the group depends on, and how many values each has.
   const std::vector<double*>& blocks() const { return blocks_; }
@@ -39,30 +40,39 @@ class TermGroup {
                 GroupEquations* equations) const;
 
  private:
-  /// Columns of a camera's blocks; -1 where it is not free.
-  struct CameraColumns {
-    int rotation = -1;
-    int translation = -1;
-    int intrinsics = -1;
-    int time_offset = -1;
+  /// What terms between two views share: the image's time and place.
+  struct View {
+    int camera = 0;
+    TransferView view;  ///< its pixel is not used
+    TrajectoryCorrection::Place place;
   };
+  /// What a term's evaluation reads, packed in the order in which it is read.
+  struct Entry {
+    Eigen::Vector2d source_pixel;
+    Eigen::Vector2d target_pixel;
+    Eigen::Vector3d plane_point_in_map_m;
+    Eigen::Vector3d plane_normal_in_map;
+    Eigen::Matrix2d whitening;  ///< by the residual's sigma too
+    int source = 0;             ///< index of its view
+    int target = 0;
+  };
+  class ViewIndex;
   struct State;
-  struct TermJacobian;
 
   int AddBlock(double* values, int size);
   void AddCamera(int camera);
-  State StateAt(double const* const* values) const;
-  void AddCameraColumns(const TransferTerm& term, const TransferViewJacobians& by_view,
-                        const TransferView& view, int camera, TermJacobian* jacobian) const;
+  void AddKnots();
+  State StateAt(double const* const* values, bool with_derivatives) const;
   bool EvaluateSlice(const State& state, std::size_t first, std::size_t last, bool with_derivatives,
                      GroupEquations* equations) const;
 
   const CalibrationProblem& problem_;
-  std::vector<int> terms_;
+  std::vector<View> views_;
+  std::vector<Entry> entries_;  ///< in the order of their views
   std::vector<double*> blocks_;
   std::vector<int> block_sizes_;
-  std::vector<CameraColumns> camera_columns_;  ///< of all cameras
-  std::vector<int> knot_columns_;              ///< of all knots; -1: not in the group
+  std::vector<ViewColumns::Blocks> camera_columns_;  ///< of all cameras
+  std::vector<int> knot_columns_;                    ///< of all knots; -1: not in the group
   int num_columns_ = 0;
   Timestamp target_second_ = 0;
 };
@@ -83,7 +93,13 @@ class TermGroupCost : public ceres::CostFunction {
                 double** jacobians) const override;
 
  private:
+  const GroupEquations* EquationsAt(double const* const* parameters) const;
+
   const TermGroup* group_;
+  /// The last equations and where they hold: the solver asks for the cost at a step's end first,
+  /// and then, as a step is mostly taken, for the derivatives there. One thread at a time.
+  mutable std::vector<double> last_parameters_;
+  mutable GroupEquations last_equations_;
 };
 
 }  // namespace scenecalib

@@ -37,6 +37,39 @@ struct TransferView {
   Vector6d twist_in_lidar = Vector6d::Zero();
 };
 
+/// A view's camera in the map, with the correction and the time offset's change applied.
+struct ViewPose {
+  Eigen::Matrix3d map_from_camera;
+  Eigen::Vector3d camera_in_map_m;
+};
+ViewPose PoseOf(const TransferView& view, const CameraParameters& camera,
+                const Vector6d& correction);
+
+/// How that pose moves with the parameters: its turn (rad, the map's axes) in the upper and its
+/// shift (m) in the lower three rows, by rotation, translation and correction (rotation, then
+/// translation), three columns each.
+using ViewMotion = Eigen::Matrix<double, 6, 12>;
+ViewMotion MotionOf(const TransferView& view, const CameraParameters& camera,
+                    const Vector6d& correction);
+
+/// Derivatives of the residual by the poses of both views; columns are turn, shift and the
+/// intrinsics s_f, cx, cy.
+struct PoseJacobians {
+  Eigen::Matrix<double, 2, 9> source;
+  Eigen::Matrix<double, 2, 9> target;
+  Eigen::Matrix2d by_source_pixel;
+  Eigen::Vector2d by_plane_offset;  ///< by a shift of the plane along its normal, px/m
+};
+
+/// EvaluateTransfer between views whose poses are known: many transfers share them.
+bool EvaluatePosedTransfer(const Eigen::Vector2d& source_pixel,
+                           const CameraParameters& source_camera, const ViewPose& source,
+                           const Eigen::Vector2d& target_pixel,
+                           const CameraParameters& target_camera, const ViewPose& target,
+                           const Eigen::Vector3d& plane_point_in_map_m,
+                           const Eigen::Vector3d& plane_normal_in_map, Eigen::Vector2d* residual_px,
+                           PoseJacobians* jacobians);
+
 /// Derivatives of the 2-vector residual by one view's quantities.
 struct TransferViewJacobians {
   Eigen::Matrix<double, 2, 3> by_rotation;
