@@ -30,7 +30,7 @@ endforeach()
 # Tests of the programs and nodes; they share one small simulated recording.
 if(NOT SCENECALIB_CORE_ONLY)
   find_package(rostest REQUIRED)
-  foreach(test offline replay)
+  foreach(test offline replay launch)
     add_rostest(test/rostest/${test}.test
       ARGS binaries:=${CATKIN_DEVEL_PREFIX}/${CATKIN_PACKAGE_BIN_DESTINATION}
            data:=${CMAKE_CURRENT_BINARY_DIR}/rostest_data

@@ -35,12 +35,17 @@ int RunCompare(int argc, char** argv) {
       "Which camera moved between calibrations of one vehicle, on which axis and by how "
       "many sigma; the first file against each of the others.");
   std::vector<std::string> files;
+  std::string working_directory;
   ComparisonLimits limits;
   app.add_option("files", files, "calibration files")->required()->expected(2, 1000);
   app.add_option("--sigmas", limits.sigmas, "a larger change is a motion");
   app.add_option("--stddev-factor", limits.stddev_factor,
                  "by which the stated standard deviations are widened");
-  return RunTool("compare", argc, argv, &app, [&] { return Compare(files, limits); });
+  DeclareWorkingDirectory(&app, &working_directory);
+  return RunTool("compare", argc, argv, &app, [&]() -> Result<int> {
+    SCENECALIB_RETURN_IF_ERROR(EnterWorkingDirectory(working_directory));
+    return Compare(files, limits);
+  });
 }
 
 }  // namespace scenecalib

@@ -41,21 +41,30 @@ void DeclareRecordingArguments(CLI::App* app, RecordingArguments* arguments) {
   app->add_option("--bag", arguments->bags, "recording, or several: A.bag,B.bag")
       ->delimiter(',')
       ->required();
-  app->add_option("--rig", arguments->rigs, "rig or calibration file")->required();
+  app->add_option("--rig", arguments->rigs, "rig or calibration file, or several: A.yaml,B.yaml")
+      ->delimiter(',')
+      ->required();
   app->add_option("--output", arguments->output, "directory for the results");
   app->add_option("--config", arguments->config, "YAML file with options that differ from default");
   app->add_option("--threads", arguments->threads, "processor cores to use, 0 for all");
-  app->add_option("--working-directory", arguments->working_directory,
+  DeclareWorkingDirectory(app, &arguments->working_directory);
+}
+
+void DeclareWorkingDirectory(CLI::App* app, std::string* directory) {
+  app->add_option("--working-directory", *directory,
                   "relative paths are taken from here (roslaunch starts programs elsewhere)");
+}
+
+Status EnterWorkingDirectory(const std::string& directory) {
+  if (directory.empty()) return Status::Ok();
+  std::error_code error;
+  std::filesystem::current_path(directory, error);
+  return error ? Status::NotFound(directory + ": " + error.message()) : Status::Ok();
 }
 
 Result<PreparedRecording> PrepareRecording(const RecordingArguments& arguments,
                                            const ProgressCallback& progress) {
-  if (!arguments.working_directory.empty()) {
-    std::error_code error;
-    std::filesystem::current_path(arguments.working_directory, error);
-    if (error) return Status::NotFound(arguments.working_directory + ": " + error.message());
-  }
+  SCENECALIB_RETURN_IF_ERROR(EnterWorkingDirectory(arguments.working_directory));
   PreparedRecording recording;
   if (!arguments.config.empty()) {
     SCENECALIB_RETURN_IF_ERROR(ReadOptionsYaml(arguments.config, &recording.options));

@@ -27,6 +27,11 @@ struct RecordingArguments {
 
 void DeclareRecordingArguments(CLI::App* app, RecordingArguments* arguments);
 
+/// `--working-directory`: roslaunch starts programs elsewhere than where it was called.
+void DeclareWorkingDirectory(CLI::App* app, std::string* directory);
+/// NotFound, naming it, when it cannot be entered; an empty one changes nothing.
+Status EnterWorkingDirectory(const std::string& directory);
+
 /// A recording mapped and tracked once.
 struct PreparedRecording {
   PipelineOptions options;
