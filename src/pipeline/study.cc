@@ -83,7 +83,10 @@ void Judge(const Rigid3& initial, const StudyOptions& options, StudyCamera* came
     outcome.end_deg = kDegreesPerRadian * turn.norm();
     outcome.end_m = change.translation.norm();
     outcome.success = outcome.end_deg <= options.success_deg && outcome.end_m <= options.success_m;
-    if (!outcome.success) continue;
+    if (!outcome.success) {
+      ++camera->num_accepted_elsewhere;
+      continue;
+    }
     ++camera->num_success;
     sum_rad2 += turn.cwiseAbs2();
     sum_m2 += change.translation.cwiseAbs2();
@@ -147,7 +150,7 @@ Result<std::vector<StudyCamera>> RunStudy(const Rig& rig, const PipelineResult& 
   bool any = false;
   for (std::size_t c = 0; c < cameras.size(); ++c) {
     Judge(rig.cameras[c].lidar_from_camera, options, &cameras[c]);
-    any |= cameras[c].num_success > 0;
+    any |= cameras[c].num_success + cameras[c].num_accepted_elsewhere > 0;
   }
   if (!any) return Status::InsufficientData("no start could be calibrated, see calibrate_bag");
   return cameras;
@@ -161,6 +164,8 @@ std::string FormatStudy(const std::vector<StudyCamera>& cameras) {
       text += Format(" %4.1f/%4.1f: %d of %d", bin.largest_deg, 100.0 * bin.largest_m,
                      bin.num_success, bin.num_starts);
     }
+    text += Format("\n%-16s  %d of %zu starts end in the same place, %d accepted elsewhere", "",
+                   camera.num_success, camera.outcomes.size(), camera.num_accepted_elsewhere);
     const Eigen::Vector3d deg = kDegreesPerRadian * camera.spread_rad;
     const Eigen::Vector3d mm = 1e3 * camera.spread_m;
     text += Format(

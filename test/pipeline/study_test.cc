@@ -42,10 +42,22 @@ TEST_F(Study, StartsOfGrowingErrorEndInOnePlace) {
     // Half to the whole of one degree on each of three axes.
     EXPECT_GT(camera.outcomes.back().start_deg, 0.5 * std::sqrt(3.0) - 1e-6);
     EXPECT_LT(camera.spread_m.maxCoeff(), 0.01);
+    EXPECT_EQ(camera.num_accepted_elsewhere, 0);
   }
   const std::string csv = FormatStudyCsv(*cameras);
   EXPECT_EQ(std::count(csv.begin(), csv.end(), '\n'), 11);  // header, two cameras of five
   EXPECT_NE(FormatStudyPage(*cameras).find("<svg"), std::string::npos);
+}
+
+TEST_F(Study, CountsWhatIsAcceptedElsewhere) {
+  options_.success_m = 1e-5;  // no two results are that equal
+  const auto cameras = RunStudy(scene_.rig, prepared_, calibration_, options_, {});
+  ASSERT_TRUE(cameras.ok()) << cameras.status().message();
+  for (const StudyCamera& camera : *cameras) {
+    EXPECT_GT(camera.num_accepted_elsewhere, 0);
+    EXPECT_EQ(camera.num_success + camera.num_accepted_elsewhere, 5);
+  }
+  EXPECT_NE(FormatStudy(*cameras).find("accepted elsewhere"), std::string::npos);
 }
 
 TEST_F(Study, IsTheSameForTheSameSeed) {

@@ -42,6 +42,7 @@ struct StudyCamera {
   std::string name;
   std::vector<StudyCameraOutcome> outcomes;  ///< one per start, from the smallest error on
   int num_success = 0;
+  int num_accepted_elsewhere = 0;  ///< believed although they did not end where the others did
   /// RMS of the successful starts' deviations, per axis of the camera (right, down, forward).
   Eigen::Vector3d spread_rad = Eigen::Vector3d::Zero();
   Eigen::Vector3d spread_m = Eigen::Vector3d::Zero();
