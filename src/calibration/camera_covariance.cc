@@ -108,14 +108,23 @@ SparseMatrix SpreadOfPriors(const CalibrationProblem& p, SparseMatrix prior,
   return prior;
 }
 
-/// Largest of two covariances' standard deviations, axis by axis, after turning into other axes.
-Eigen::Vector3d LargerStddev(const Eigen::Matrix3d& formal, const Eigen::Matrix3d& sandwich,
-                             const Eigen::Matrix3d& target_from_source) {
-  const auto diagonal = [&target_from_source](const Eigen::Matrix3d& covariance) {
-    return Eigen::Vector3d(
-        (target_from_source * covariance * target_from_source.transpose()).diagonal());
-  };
-  return diagonal(formal).cwiseMax(diagonal(sandwich)).cwiseMax(0.0).cwiseSqrt();
+/// Standard deviations by the larger of two covariances, parameter by parameter, and the
+/// correlation of their sum.
+CameraStddev StddevOf(const CameraMatrix& formal, const CameraMatrix& sandwich) {
+  using Vector = Eigen::Matrix<double, kNumCameraParameters, 1>;
+  const Vector sigma = formal.diagonal().cwiseMax(sandwich.diagonal()).cwiseMax(0.0).cwiseSqrt();
+  CameraStddev stddev;
+  stddev.translation_m = sigma.head<3>();
+  stddev.rotation_rad = sigma.segment<3>(3);
+  stddev.focal_scale = sigma[6];
+  stddev.principal_point_px = sigma.segment<2>(7);
+  stddev.time_offset_s = sigma[9];
+  const CameraMatrix sum = formal + sandwich;
+  const Vector scale = sum.diagonal().unaryExpr(
+      [](double variance) { return variance > 0.0 ? 1.0 / std::sqrt(variance) : 0.0; });
+  stddev.correlation = scale.asDiagonal() * sum * scale.asDiagonal();
+  stddev.correlation.diagonal().setOnes();
+  return stddev;
 }
 
 }  // namespace
@@ -141,31 +150,27 @@ Result<std::vector<CameraStddev>> CalibrationProblem::EstimateStddev() const {
 
   std::vector<CameraStddev> result(cameras->size());
   for (std::size_t c = 0; c < cameras->size(); ++c) {
-    CameraParameters& camera = (*cameras)[c];
-    const Eigen::Matrix3d camera_from_lidar = camera.LidarFromCamera().RotationMatrix().transpose();
-    const auto stddev_of = [&](const double* block, int size, const Eigen::Matrix3d& turn) {
-      Eigen::Matrix3d formal = Eigen::Matrix3d::Zero();
-      Eigen::Matrix3d sandwich = Eigen::Matrix3d::Zero();
+    const CameraParameters& camera = (*cameras)[c];
+    // Rows of all parameters that turn this camera's into its own axes; zero where one is held.
+    Eigen::MatrixXd pick = Eigen::MatrixXd::Zero(prior.cols(), kNumCameraParameters);
+    const auto place = [&](const double* block, int row, const Eigen::MatrixXd& target_from_block) {
       const auto found = first_columns.find(block);
-      if (found == first_columns.end()) return Eigen::Vector3d(0.0, 0.0, 0.0);
-      const Eigen::Index column = found->second;
-      Eigen::MatrixXd unit = Eigen::MatrixXd::Zero(prior.cols(), size);
-      unit.middleRows(column, size).setIdentity();
-      const Eigen::MatrixXd inverse = factor.solve(unit);
-      const Eigen::MatrixXd spread = influence.middleRows(column, size);
-      const Eigen::MatrixXd prior_share = prior_spread * inverse;
-      formal.topLeftCorner(size, size) = kCommonErrors * inverse.middleRows(column, size);
-      sandwich.topLeftCorner(size, size) =
-          kCommonErrors * spread * spread.transpose() + prior_share.transpose() * prior_share;
-      return LargerStddev(formal, sandwich, turn);
+      if (found == first_columns.end()) return;
+      pick.block(found->second, row, target_from_block.cols(), target_from_block.rows()) =
+          target_from_block.transpose();
     };
-    const Eigen::Matrix3d same = Eigen::Matrix3d::Identity();
-    result[c].rotation_rad = stddev_of(camera.rotation_delta_rad.data(), 3, camera_from_lidar);
-    result[c].translation_m = stddev_of(camera.translation_delta_m.data(), 3, camera_from_lidar);
-    const Eigen::Vector3d intrinsics = stddev_of(camera.intrinsics.data(), 3, same);
-    result[c].focal_scale = intrinsics[0];
-    result[c].principal_point_px = intrinsics.tail<2>();
-    result[c].time_offset_s = stddev_of(&camera.time_offset_delta_s, 1, same)[0];
+    const Eigen::Matrix3d camera_from_lidar = camera.LidarFromCamera().RotationMatrix().transpose();
+    place(camera.translation_delta_m.data(), 0, camera_from_lidar);
+    place(camera.rotation_delta_rad.data(), 3, camera_from_lidar);
+    place(camera.intrinsics.data(), 6, Eigen::Matrix3d::Identity());
+    place(&camera.time_offset_delta_s, 9, Eigen::MatrixXd::Identity(1, 1));
+    const Eigen::MatrixXd inverse = factor.solve(pick);
+    const Eigen::MatrixXd spread = pick.transpose() * influence;
+    const Eigen::MatrixXd prior_share = prior_spread * inverse;
+    const CameraMatrix formal = kCommonErrors * pick.transpose() * inverse;
+    const CameraMatrix sandwich =
+        kCommonErrors * spread * spread.transpose() + prior_share.transpose() * prior_share;
+    result[c] = StddevOf(formal, sandwich);
   }
   return result;
 }

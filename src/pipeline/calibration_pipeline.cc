@@ -63,24 +63,6 @@ std::string WhyUnusable(const CameraConfig& camera, const SceneMap& map,
   return text;
 }
 
-/// Rates the initial and the refined rig on the same images (IV-A).
-Status AddMiscalibrationRates(const Rig& initial, const SceneMap& map,
-                              const std::vector<CameraSegment>& segments,
-                              const MiscalibrationOptions& options, CalibrationResult* result) {
-  if (options.num_times == 0) return Status::Ok();
-  std::vector<const std::map<Timestamp, cv::Mat>*> images;
-  for (const CameraSegment& segment : segments) images.push_back(&segment.images);
-  const auto before = ComputeMiscalibrationRates(initial, map, images, options);
-  if (!before.ok()) return before.status();
-  const auto after = ComputeMiscalibrationRates(result->rig, map, images, options);
-  if (!after.ok()) return after.status();
-  for (std::size_t i = 0; i < result->cameras.size(); ++i) {
-    result->cameras[i].miscalibration_rate_before = (*before)[i];
-    result->cameras[i].miscalibration_rate_after = (*after)[i];
-  }
-  return Status::Ok();
-}
-
 }  // namespace
 
 std::size_t NumThreads(int threads_option) {
@@ -226,6 +208,23 @@ Result<PipelineResult> CalibrationPipeline::Run(
   if (!calibration.ok()) return calibration.status();
   result->calibration = std::move(calibration).value();
   return result;
+}
+
+Status AddMiscalibrationRates(const Rig& initial, const SceneMap& map,
+                              const std::vector<CameraSegment>& segments,
+                              const MiscalibrationOptions& options, CalibrationResult* result) {
+  if (options.num_times == 0) return Status::Ok();
+  std::vector<const std::map<Timestamp, cv::Mat>*> images;
+  for (const CameraSegment& segment : segments) images.push_back(&segment.images);
+  const auto before = ComputeMiscalibrationRates(initial, map, images, options);
+  if (!before.ok()) return before.status();
+  const auto after = ComputeMiscalibrationRates(result->rig, map, images, options);
+  if (!after.ok()) return after.status();
+  for (std::size_t i = 0; i < result->cameras.size(); ++i) {
+    result->cameras[i].miscalibration_rate_before = (*before)[i];
+    result->cameras[i].miscalibration_rate_after = (*after)[i];
+  }
+  return Status::Ok();
 }
 
 Result<RigCalibration> CalibrateSegments(const Rig& initial, const SceneMap& map,

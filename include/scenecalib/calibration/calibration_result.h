@@ -10,6 +10,11 @@
 
 namespace scenecalib {
 
+/// A camera's parameters as one vector: shifts right, down, forward, turns about the same axes,
+/// s_f, u_0 (x, y), time offset.
+constexpr int kNumCameraParameters = 10;
+using CameraMatrix = Eigen::Matrix<double, kNumCameraParameters, kNumCameraParameters>;
+
 /// One standard deviation of every parameter of a camera, in the camera frame's axes.
 struct CameraStddev {
   Eigen::Vector3d translation_m = Eigen::Vector3d::Zero();
@@ -17,6 +22,8 @@ struct CameraStddev {
   double focal_scale = 0.0;
   Eigen::Vector2d principal_point_px = Eigen::Vector2d::Zero();
   double time_offset_s = 0.0;
+  /// Between the parameters; those that were held correlate with none. Not part of the file.
+  CameraMatrix correlation = CameraMatrix::Identity();
 };
 
 /// Share of perturbed poses that look better than the calibrated one (IV-A), per axis of the camera

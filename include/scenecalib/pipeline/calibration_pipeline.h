@@ -82,4 +82,9 @@ Result<RigCalibration> CalibrateSegments(const Rig& initial, const SceneMap& map
                                          const MiscalibrationOptions& miscalibration,
                                          const ProgressCallback& progress);
 
+/// Rates the initial and the refined rig on the same images (IV-A), before and after.
+Status AddMiscalibrationRates(const Rig& initial, const SceneMap& map,
+                              const std::vector<CameraSegment>& segments,
+                              const MiscalibrationOptions& options, CalibrationResult* result);
+
 }  // namespace scenecalib
