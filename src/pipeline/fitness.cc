@@ -74,8 +74,8 @@ std::string WhyUnfit(const CameraFitness& fitness, const FitnessOptions& options
   }
   if (fitness.tracks_per_image < options.min_tracks_per_image) {
     return Format(
-        "too few features: %.1f tracks in an image, limit %d: sky, fog, a covered lens or "
-        "rain",
+        "too few features: %.1f tracks in an image, limit %d: sky, fog, a covered lens, rain or "
+        "snow",
         fitness.tracks_per_image, options.min_tracks_per_image);
   }
   if (fitness.track_length < options.min_track_length) {

@@ -5,10 +5,8 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <exception>
-#include <filesystem>
 #include <optional>
 #include <string>
-#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -20,8 +18,10 @@
 #include "scenecalib/pipeline/artifacts.h"
 #include "scenecalib/pipeline/calibration_pipeline.h"
 #include "scenecalib/pipeline/fallback.h"
+#include "scenecalib/pipeline/stretch_combination.h"
 #include "scenecalib/ros/bag_recording.h"
 #include "scenecalib/ros/log_sink.h"
+#include "scenecalib/ros/prepared_recording.h"
 #include "scenecalib/ros/recording_reader.h"
 #include "scenecalib/ros/result_display.h"
 #include "scenecalib/ros/terminal_progress.h"
@@ -55,8 +55,7 @@ void Declare(CLI::App* app, Arguments* arguments) {
   app->add_option("--rig", arguments->rig, "rig file")->required();
   app->add_option("--output", arguments->output, "directory for the results")->required();
   app->add_option("--config", arguments->config, "YAML file with options that differ from default");
-  app->add_option("--working-directory", arguments->working_directory,
-                  "relative paths are taken from here (roslaunch starts programs elsewhere)");
+  DeclareWorkingDirectory(app, &arguments->working_directory);
   app->add_flag("--show", arguments->show,
                 "needs a ROS master: publish the result for RViz and stay up until interrupted");
   app->add_flag("--hold-intrinsics", arguments->hold_intrinsics,
@@ -92,7 +91,7 @@ struct Inputs {
   BagRecording recording;
   std::optional<Trajectory> trajectory;
   std::optional<Rig> truth;
-  std::optional<CalibrationResult> fallback;
+  std::vector<EarlierCalibration> earlier;  ///< the rig file's fallback
 };
 
 Result<Inputs> ReadInputs(const Arguments& arguments) {
@@ -111,11 +110,9 @@ Result<Inputs> ReadInputs(const Arguments& arguments) {
     if (!truth.ok()) return truth.status();
     inputs.truth = *truth;
   }
-  if (rig->fallback_file) {
-    const Result<CalibrationResult> fallback = ReadCalibration(*rig->fallback_file);
-    if (!fallback.ok()) return fallback.status();
-    inputs.fallback = *fallback;
-  }
+  const auto fallback = ReadFallback(*rig);
+  if (!fallback.ok()) return fallback.status();
+  if (*fallback) inputs.earlier.push_back(**fallback);
   if (!arguments.trajectory.empty()) {
     const Result<Trajectory> trajectory = ReadTrajectoryTum(arguments.trajectory);
     if (!trajectory.ok()) return trajectory.status();
@@ -124,30 +121,11 @@ Result<Inputs> ReadInputs(const Arguments& arguments) {
   return Result<Inputs>(std::move(inputs));
 }
 
-/// The part of the recording to read, and what a person should know about the choice.
-ReceiptWindow ChooseWindow(Inputs* inputs, std::vector<std::string>* notes) {
-  constexpr double kMargin_s = 0.5;  // of what is received a little late
-  const std::vector<DriveSegment> stretches =
-      ChooseStretches(inputs->rig, inputs->options.segment, &inputs->recording);
-  if (stretches.empty()) return ReceiptWindow();
-  const Timestamp begin_ns = inputs->recording.begin_ns();
-  for (std::size_t i = 0; i < stretches.size(); ++i) {
-    DriveSegment relative = stretches[i];
-    relative.start_ns -= begin_ns;
-    relative.end_ns -= begin_ns;
-    notes->push_back((i == 0 ? "long recording, calibrated on its stretch with most excitation: "
-                             : "a stretch that is worth it too: ") +
-                     relative.Description());
-  }
-  return {AddSeconds(stretches[0].start_ns, -kMargin_s),
-          AddSeconds(stretches[0].end_ns, kMargin_s)};
-}
-
-Result<PipelineResult> Calibrate(Inputs* inputs, const ProgressCallback& progress) {
+/// Maps, tracks and calibrates what lies in the window.
+Result<PipelineResult> CalibrateWindow(Inputs* inputs, const ReceiptWindow& window,
+                                       const ProgressCallback& progress) {
   Result<CalibrationPipeline> pipeline = CalibrationPipeline::Create(inputs->rig, inputs->options);
   if (!pipeline.ok()) return pipeline.status();
-  std::vector<std::string> notes;
-  const ReceiptWindow window = ChooseWindow(inputs, &notes);
   const Result<ReadingReport> reading = FeedPipeline(
       inputs->rig, inputs->options.threads, &inputs->recording, &*pipeline, progress, window);
   if (!reading.ok()) return reading.status();
@@ -155,17 +133,107 @@ Result<PipelineResult> Calibrate(Inputs* inputs, const ProgressCallback& progres
   if (!result.ok()) {
     std::string message = result.status().message();
     for (const std::string& warning : reading->warnings) message += "; " + warning;
-    if (inputs->fallback) {
-      message += "; " + *inputs->rig.fallback_file + " stays in force";
-    }
     return Status(result.status().code(), message);
   }
   result->warnings.insert(result->warnings.begin(), reading->warnings.begin(),
                           reading->warnings.end());
-  result->warnings.insert(result->warnings.begin(), notes.begin(), notes.end());
-  if (inputs->fallback) {
-    ApplyFallback(*inputs->fallback, *inputs->rig.fallback_file, &result->calibration.result);
+  return result;
+}
+
+/// The stretches of a long recording, the best first, calibrated one by one.
+class StretchCalibrator {
+ public:
+  StretchCalibrator(Inputs* inputs, std::vector<DriveSegment> stretches,
+                    const ProgressCallback& progress)
+      : inputs_(inputs),
+        stretches_(std::move(stretches)),
+        calibrated_(stretches_.size()),
+        progress_(progress) {}
+
+  /// The combined calibration, with the map and images of the best stretch that gave one. No more
+  /// than one stretch is in memory at a time.
+  Result<PipelineResult> Run() {
+    for (std::size_t k = stretches_.size(); k-- > 1;) {
+      const Result<PipelineResult> result = Calibrate(k);
+      if (result.status().code() == Status::Code::kCancelled) return result.status();
+    }
+    for (std::size_t k = 0; k < stretches_.size(); ++k) {
+      if (k > 0 && !calibrated_[k]) continue;
+      Result<PipelineResult> shown = Calibrate(k);  // once more where better ones failed
+      if (shown.ok()) return Combine(std::move(shown).value());
+      if (shown.status().code() == Status::Code::kCancelled) return shown;
+    }
+    std::string message = "no stretch of the recording could be calibrated";
+    for (const std::string& note : notes_) message += "; " + note;
+    return Status::InsufficientData(message);
   }
+
+ private:
+  std::string Name(std::size_t k) const { return "stretch " + std::to_string(k + 1); }
+
+  Result<PipelineResult> Calibrate(std::size_t k) {
+    constexpr double kMargin_s = 0.5;  // of what is received a little late
+    const StageTimer timer(Name(k));
+    Result<PipelineResult> result = CalibrateWindow(inputs_,
+                                                    {AddSeconds(stretches_[k].start_ns, -kMargin_s),
+                                                     AddSeconds(stretches_[k].end_ns, kMargin_s)},
+                                                    progress_);
+    if (result.ok()) {
+      calibrated_[k] = StretchCalibration{Name(k), result->calibration.result};
+      if (k > 0) costs_.push_back(timer.Stop());
+    } else {
+      notes_.push_back(Name(k) + " is left out: " + result.status().message());
+    }
+    return result;
+  }
+
+  Result<PipelineResult> Combine(PipelineResult shown) {
+    std::vector<std::string> notes;
+    const Timestamp begin_ns = inputs_->recording.begin_ns();
+    for (std::size_t k = 0; k < stretches_.size(); ++k) {
+      DriveSegment relative = stretches_[k];
+      relative.start_ns -= begin_ns;
+      relative.end_ns -= begin_ns;
+      notes.push_back("long recording, " + Name(k) +
+                      " of those with most excitation: " + relative.Description());
+    }
+    notes.insert(notes.end(), notes_.begin(), notes_.end());
+    shown.warnings.insert(shown.warnings.begin(), notes.begin(), notes.end());
+    shown.costs.insert(shown.costs.begin(), costs_.begin(), costs_.end());
+    std::vector<StretchCalibration> calibrated;
+    for (const auto& stretch : calibrated_) {
+      if (stretch) calibrated.push_back(*stretch);
+    }
+    if (calibrated.size() < 2) return Result<PipelineResult>(std::move(shown));
+    Result<CalibrationResult> combined =
+        CombineStretches(inputs_->rig, inputs_->options.calibration.prior, calibrated);
+    if (!combined.ok()) return combined.status();
+    SCENECALIB_RETURN_IF_ERROR(AddMiscalibrationRates(inputs_->rig, shown.mapping.map,
+                                                      shown.segments,
+                                                      inputs_->options.miscalibration, &*combined));
+    shown.calibration.result = std::move(combined).value();
+    return Result<PipelineResult>(std::move(shown));
+  }
+
+  Inputs* inputs_;
+  std::vector<DriveSegment> stretches_;
+  std::vector<std::optional<StretchCalibration>> calibrated_;  ///< parallel to stretches_
+  const ProgressCallback& progress_;
+  std::vector<std::string> notes_;
+  std::vector<StageCost> costs_;
+};
+
+Result<PipelineResult> Calibrate(Inputs* inputs, const ProgressCallback& progress) {
+  std::vector<DriveSegment> stretches =
+      ChooseStretches(inputs->rig, inputs->options.segment, &inputs->recording);
+  Result<PipelineResult> result =
+      stretches.empty() ? CalibrateWindow(inputs, ReceiptWindow(), progress)
+                        : StretchCalibrator(inputs, std::move(stretches), progress).Run();
+  if (!result.ok()) {
+    return Status(result.status().code(),
+                  result.status().message() + StaysInForce(inputs->earlier));
+  }
+  ApplyFallback(inputs->earlier, &result->calibration.result);
   return result;
 }
 
@@ -175,11 +243,8 @@ int Fail(const Status& status) {
 }
 
 int Run(const Arguments& arguments) {
-  if (!arguments.working_directory.empty()) {
-    std::error_code error;
-    std::filesystem::current_path(arguments.working_directory, error);
-    if (error) return Fail(Status::NotFound(arguments.working_directory + ": " + error.message()));
-  }
+  const Status entered = EnterWorkingDirectory(arguments.working_directory);
+  if (!entered.ok()) return Fail(entered);
   Result<Inputs> inputs = ReadInputs(arguments);
   if (!inputs.ok()) return Fail(inputs.status());
   for (const OptionDescription& option : DescribeOptions(inputs->options)) {

@@ -8,11 +8,13 @@
 #include <sensor_msgs/image_encodings.h>
 #include <visualization_msgs/Marker.h>
 
+#include <algorithm>
 #include <exception>
 #include <utility>
 
 #include "scenecalib/io/rig_yaml.h"
 #include "scenecalib/pipeline/calibration_pipeline.h"
+#include "scenecalib/pipeline/fitness.h"
 #include "scenecalib/pipeline/overlays.h"
 #include "scenecalib/ros/image_conversion.h"
 #include "scenecalib/ros/message_conversion.h"
@@ -52,13 +54,17 @@ Result<std::shared_ptr<CalibrationServerNode>> CalibrationServerNode::Create(
     const ros::NodeHandle& handle, const ros::NodeHandle& private_handle) {
   const Result<NodeSetup> setup = ReadNodeSetup(private_handle);
   if (!setup.ok()) return setup.status();
-  return std::make_shared<CalibrationServerNode>(*setup, handle, private_handle);
+  const auto fallback = ReadFallback(setup->rig);
+  if (!fallback.ok()) return fallback.status();
+  return std::make_shared<CalibrationServerNode>(*setup, handle, private_handle, *fallback);
 }
 
 CalibrationServerNode::CalibrationServerNode(const NodeSetup& setup, const ros::NodeHandle& handle,
-                                             const ros::NodeHandle& private_handle)
+                                             const ros::NodeHandle& private_handle,
+                                             const std::optional<EarlierCalibration>& fallback)
     : setup_(setup),
       output_path_(private_handle.param<std::string>("output", "")),
+      fallback_(fallback),
       handle_(handle),
       frame_parents_(handle),
       updater_(handle, private_handle),
@@ -115,9 +121,9 @@ bool CalibrationServerNode::HandleRecalibrate(RecalibrateRequest& /*request*/,
   }
   if (!status.ok()) {
     response.verdict = status.code() == Status::Code::kCancelled ? "cancelled" : "failed";
-    response.message = status.message();
-    PublishStatus(CalibrationStatus::FAILED, "", 0.0, status.message());
-    ROS_ERROR_STREAM("recalibrate: " << status.message());
+    response.message = status.message() + StaysInForce(Earlier());
+    PublishStatus(CalibrationStatus::FAILED, "", 0.0, response.message);
+    ROS_ERROR_STREAM("recalibrate: " << response.message);
   }
   running_ = false;
   return true;
@@ -177,18 +183,39 @@ bool CalibrationServerNode::HandleReset(std_srvs::TriggerRequest& /*request*/,
 Status CalibrationServerNode::Recalibrate(RecalibrateResponse* response) {
   const Result<Inputs> inputs = CollectInputs();
   if (!inputs.ok()) return inputs.status();
-  const Result<RigCalibration> calibration =
-      CalibrateSegments(inputs->rig, inputs->map, inputs->segments, {}, setup_.options.calibration,
-                        setup_.options.miscalibration,
+  Result<RigCalibration> calibration =
+      CalibrateSegments(inputs->rig, inputs->map, inputs->segments, inputs->refusals,
+                        setup_.options.calibration, setup_.options.miscalibration,
                         [this](const Progress& progress) { return OnProgress(progress); });
   if (!calibration.ok()) return calibration.status();
-  const CalibrationResult& result = calibration->result;
+  CalibrationResult& result = calibration->result;
+  std::vector<bool> in_force = ApplyFallback(Earlier(), &result);
+  for (std::size_t i = 0; i < in_force.size(); ++i) {
+    in_force[i] = in_force[i] || result.cameras[i].accepted;
+  }
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     last_result_ = result;
+    TakeAccepted(result, &accepted_);
   }
-  const std::string left_alone = PublishTransforms(result);
+  const std::string left_alone = PublishTransforms(result, in_force);
   Publish(*inputs, *calibration);
+  Answer(result, left_alone, response);
+  return Status::Ok();
+}
+
+std::vector<EarlierCalibration> CalibrationServerNode::Earlier() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  std::vector<EarlierCalibration> earlier;
+  const bool any = std::any_of(accepted_.cameras.begin(), accepted_.cameras.end(),
+                               [](const CameraQuality& camera) { return camera.accepted; });
+  if (any) earlier.push_back({"the calibration accepted before", accepted_});
+  if (fallback_) earlier.push_back(*fallback_);
+  return earlier;
+}
+
+void CalibrationServerNode::Answer(const CalibrationResult& result, const std::string& note,
+                                   RecalibrateResponse* response) {
   response->verdict = result.accepted ? "accepted" : "partly_accepted";
   for (std::size_t i = 0; i < result.cameras.size(); ++i) {
     response->message += result.rig.cameras[i].name +
@@ -197,17 +224,22 @@ Status CalibrationServerNode::Recalibrate(RecalibrateResponse* response) {
     for (const std::string& reason : result.cameras[i].reasons) response->message += ", " + reason;
     response->message += "; ";
   }
-  response->message += left_alone;
+  response->message += note;
   response->result = ToMessage(result, FromRosTime(ros::Time::now()));
   PublishStatus(result.accepted ? CalibrationStatus::ACCEPTED : CalibrationStatus::PARTLY, "", 1.0,
                 response->message);
-  return Status::Ok();
+  if (result.accepted) {
+    ROS_INFO_STREAM("recalibrate: " << response->message);
+  } else {
+    ROS_WARN_STREAM("recalibrate: " << response->message);
+  }
 }
 
 Result<CalibrationServerNode::Inputs> CalibrationServerNode::CollectInputs() {
   Inputs inputs;
   inputs.rig = setup_.rig;
   inputs.segments.resize(setup_.rig.cameras.size());
+  inputs.refusals.resize(setup_.rig.cameras.size());
   if (!OnProgress({"mapping", 0.0, ""})) return Status::Cancelled("cancelled");
   SCENECALIB_RETURN_IF_ERROR(CollectMap(&inputs));
   for (std::size_t i = 0; i < inputs.rig.cameras.size(); ++i) {
@@ -230,6 +262,10 @@ Status CalibrationServerNode::CollectMap(Inputs* inputs) {
   for (const std::string& warning : service.response.warnings) ROS_WARN_STREAM(warning);
   Result<SceneMap> map = FromMessage(service.response.map);
   if (!map.ok()) return map.status();
+  MappingReport report;
+  report.path_length_m = service.response.path_length_m;
+  report.thickness_after_m = service.response.surface_thickness_m;
+  SCENECALIB_RETURN_IF_ERROR(CheckMapFitness(report, setup_.options.fitness));
   inputs->map = std::move(map).value();
   inputs->map_frame_id = service.response.map.header.frame_id;
   return Status::Ok();
@@ -252,6 +288,10 @@ Status CalibrationServerNode::CollectSegment(std::size_t camera, Inputs* inputs)
   Result<CameraSegment> segment = FromMessage(service.response);
   if (!segment.ok()) return segment.status();
   inputs->segments[camera] = std::move(segment).value();
+  if (!inputs->segments[camera].images.empty()) {
+    inputs->refusals[camera] =
+        WhyUnfit(MeasureFitness(inputs->segments[camera]), setup_.options.fitness);
+  }
   return Status::Ok();
 }
 
@@ -295,12 +335,13 @@ void CalibrationServerNode::PublishPictures(const Inputs& inputs,
   }
 }
 
-std::string CalibrationServerNode::PublishTransforms(const CalibrationResult& result) {
+std::string CalibrationServerNode::PublishTransforms(const CalibrationResult& result,
+                                                     const std::vector<bool>& in_force) {
   std::string left_alone;
   std::vector<geometry_msgs::TransformStamped> transforms;
   for (std::size_t i = 0; i < result.cameras.size(); ++i) {
     const CameraConfig& camera = result.rig.cameras[i];
-    if (!result.cameras[i].accepted) continue;
+    if (!in_force[i]) continue;
     const std::optional<std::string> parent = frame_parents_.ParentFromOthers(camera.frame_id);
     if (parent) {
       left_alone += "tf of " + camera.frame_id + " is not published: it already has the parent " +
@@ -334,10 +375,12 @@ void CalibrationServerNode::Diagnose(diagnostic_updater::DiagnosticStatusWrapper
   const std::lock_guard<std::mutex> lock(mutex_);
   switch (status_.state) {
     case CalibrationStatus::PARTLY:
-      status.summary(diagnostic_msgs::DiagnosticStatus::WARN, "not every camera is calibrated");
+      status.summary(diagnostic_msgs::DiagnosticStatus::WARN,
+                     "not every camera is calibrated: " + status_.message);
       break;
     case CalibrationStatus::FAILED:
-      status.summary(diagnostic_msgs::DiagnosticStatus::ERROR, "the last calibration failed");
+      status.summary(diagnostic_msgs::DiagnosticStatus::ERROR,
+                     "the last calibration failed: " + status_.message);
       break;
     case CalibrationStatus::RUNNING:
       status.summary(diagnostic_msgs::DiagnosticStatus::OK, "calibrating: " + status_.stage);

@@ -181,6 +181,7 @@ bool LidarMappingNode::HandleBuildMap(BuildMapRequest& /*request*/, BuildMapResp
       response.map = ToMessage(result->map, map_frame_id_);
       response.warnings = result->report.warnings;
       response.path_length_m = result->report.path_length_m;
+      response.surface_thickness_m = result->report.thickness_after_m;
       PublishMap(result->map);
     }
   } catch (const std::exception& error) {

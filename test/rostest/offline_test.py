@@ -8,7 +8,6 @@ import sys
 import tempfile
 import unittest
 
-import numpy as np
 import rosbag
 import rospy
 import rostest
@@ -132,81 +131,47 @@ class CalibrateBag(unittest.TestCase):
 
     def test_refuses_a_vehicle_that_stands_still(self):
         """One scan again and again, with stamps that go on."""
-        path = os.path.join(self.directory, 'still.bag')
-        scan, image = None, {}
-        with rosbag.Bag(self.bag) as source, rosbag.Bag(path, 'w') as target:
-            for topic, message, stamp in source.read_messages():
-                if topic == '/lidar/points':
-                    scan = scan or message
-                    scan.header.stamp = message.header.stamp
-                    target.write(topic, scan, stamp)
-                elif 'image' in topic:
-                    first = image.setdefault(topic, message)
-                    first.header.stamp = message.header.stamp
-                    target.write(topic, first, stamp)
+        path = recording.write_standing_still(self.bag, os.path.join(self.directory, 'still.bag'))
 
         def without_motion_sensors(rig):
             rig.pop('imu', None)
             rig.pop('odometry', None)
         self.expect_refusal(['did not move'], bag=path, rig=self.changed_rig(without_motion_sensors))
 
-    def test_uses_the_best_stretch_of_a_long_recording_and_names_it(self):
+    def test_combines_the_best_stretches_of_a_long_recording_and_names_them(self):
         config = os.path.join(self.directory, 'long.yaml')
         with open(config, 'w', encoding='utf-8') as stream:  # the test's recording counts as long
             stream.write('segment: {min_recording_m: 5, max_length_m: 20, bin_length_m: 1}\n')
         run = self.run_program('--config', config)
         self.assertIn(run.returncode, (0, 2), run.stdout + run.stderr)
-        self.assertIn('calibrated on its stretch with most excitation', run.stdout)
+        self.assertIn('stretch 1 of those with most excitation', run.stdout)
         with open(os.path.join(self.output, 'trajectory.tum'), encoding='utf-8') as stream:
             stamps = [float(line.split()[0]) for line in stream if not line.startswith('#')]
         with rosbag.Bag(self.bag) as bag:
             self.assertLess(stamps[-1] - stamps[0], 0.95 * (bag.get_end_time() - bag.get_start_time()))
 
     def bag_with_front_images(self, change):
-        """The recording with change(pixels as rows x step, random) applied to the front camera."""
-        path = os.path.join(self.directory, 'changed.bag')
-        random = np.random.RandomState(1)
-        with rosbag.Bag(self.bag) as source, rosbag.Bag(path, 'w') as target:
-            for topic, message, stamp in source.read_messages():
-                if topic == '/front/image_raw':
-                    pixels = np.frombuffer(message.data, np.uint8).reshape(message.height, message.step)
-                    changed = change(pixels.astype(float), random)
-                    message.data = np.clip(changed, 0, 255).astype(np.uint8).tobytes()
-                target.write(topic, message, stamp)
-        return path
-
-    @staticmethod
-    def night(pixels, random):
-        return pixels / 32.0 + 3.0 * random.randn(*pixels.shape)
-
-    @staticmethod
-    def rain(pixels, random):
-        """A grey veil and streaks that are elsewhere in every image."""
-        wet = 80.0 + 0.3 * pixels
-        for _ in range(6000):
-            row, column = random.randint(pixels.shape[0] - 14), random.randint(pixels.shape[1] - 3)
-            wet[row:row + 14, column:column + 3] = 230.0
-        return wet
-
-    @staticmethod
-    def sky(pixels, random):
-        rows = np.linspace(210.0, 150.0, pixels.shape[0])[:, None]
-        return rows + random.randn(*pixels.shape)
+        return recording.write_changed(self.bag, os.path.join(self.directory, 'changed.bag'),
+                                       ['front'], change)
 
     def only_front(self):
         return self.changed_rig(lambda rig: rig['cameras'].pop('left'))
 
     def test_refuses_night(self):
         self.expect_refusal(['front', 'too dark', 'limit'],
-                            bag=self.bag_with_front_images(self.night), rig=self.only_front())
+                            bag=self.bag_with_front_images(recording.night), rig=self.only_front())
 
     def test_refuses_rain(self):
         self.expect_refusal(['front', 'rain', 'limit'],
-                            bag=self.bag_with_front_images(self.rain), rig=self.only_front())
+                            bag=self.bag_with_front_images(recording.rain), rig=self.only_front())
+
+    def test_refuses_snow(self):
+        self.expect_refusal(['front', 'snow', 'limit'],
+                            bag=self.bag_with_front_images(recording.snow), rig=self.only_front())
 
     def test_refuses_a_camera_that_sees_only_the_sky(self):
         self.expect_refusal(['front', 'sky', 'limit'],
-                            bag=self.bag_with_front_images(self.sky), rig=self.only_front())
+                            bag=self.bag_with_front_images(recording.sky), rig=self.only_front())
 
     def test_a_camera_at_night_keeps_the_values_of_the_fallback(self):
         good = self.run_program()
@@ -214,7 +179,7 @@ class CalibrateBag(unittest.TestCase):
         fallback = os.path.join(self.output, 'calibration.yaml')
         rig = self.changed_rig(lambda r: r.update(fallback=fallback))
         output = os.path.join(self.directory, 'night')
-        run = self.run_program(bag=self.bag_with_front_images(self.night), rig=rig, output=output)
+        run = self.run_program(bag=self.bag_with_front_images(recording.night), rig=rig, output=output)
         self.assertEqual(run.returncode, 2, run.stdout + run.stderr)
         with open(os.path.join(output, 'calibration.yaml'), encoding='utf-8') as stream:
             quality = yaml.safe_load(stream)['cameras']['front']['quality']

@@ -19,6 +19,7 @@
 
 #include "scenecalib/calibration/rig_calibrator.h"
 #include "scenecalib/mapping/scene_map.h"
+#include "scenecalib/pipeline/fallback.h"
 #include "scenecalib/ros/frame_parents.h"
 #include "scenecalib/ros/node_setup.h"
 #include "scenecalib/tracking/camera_tracker.h"
@@ -33,7 +34,8 @@ class CalibrationServerNode {
   static Result<std::shared_ptr<CalibrationServerNode>> Create(
       const ros::NodeHandle& handle, const ros::NodeHandle& private_handle);
   CalibrationServerNode(const NodeSetup& setup, const ros::NodeHandle& handle,
-                        const ros::NodeHandle& private_handle);
+                        const ros::NodeHandle& private_handle,
+                        const std::optional<EarlierCalibration>& fallback);
   ~CalibrationServerNode();
 
  private:
@@ -43,6 +45,8 @@ class CalibrationServerNode {
     SceneMap map;
     std::string map_frame_id;
     std::vector<CameraSegment> segments;
+    /// Why a camera must not be calibrated on this (IV-D); empty where it may.
+    std::vector<std::string> refusals;
   };
 
   bool HandleRecalibrate(RecalibrateRequest& request, RecalibrateResponse& response);
@@ -52,6 +56,11 @@ class CalibrationServerNode {
   bool HandleReset(std_srvs::TriggerRequest& request, std_srvs::TriggerResponse& response);
 
   Status Recalibrate(RecalibrateResponse* response);
+  /// Newest first: what this server accepted, the rig file's fallback.
+  std::vector<EarlierCalibration> Earlier();
+  /// Everything that was decided about every camera, for a person.
+  void Answer(const CalibrationResult& result, const std::string& note,
+              RecalibrateResponse* response);
   Result<Inputs> CollectInputs();
   Status CollectMap(Inputs* inputs);
   Status CollectSegment(std::size_t camera, Inputs* inputs);
@@ -60,19 +69,21 @@ class CalibrationServerNode {
   void Publish(const Inputs& inputs, const RigCalibration& calibration);
   void PublishPictures(const Inputs& inputs, const RigCalibration& calibration);
   /// Says which camera frames were left alone because another node places them.
-  std::string PublishTransforms(const CalibrationResult& result);
+  std::string PublishTransforms(const CalibrationResult& result, const std::vector<bool>& in_force);
   void PublishStatus(std::uint8_t state, const std::string& stage, double fraction,
                      const std::string& message);
   void Diagnose(diagnostic_updater::DiagnosticStatusWrapper& status);
 
   const NodeSetup setup_;
   const std::string output_path_;
+  const std::optional<EarlierCalibration> fallback_;  ///< of the rig file
   ros::NodeHandle handle_;
   std::atomic<bool> running_{false};
   std::atomic<bool> cancel_{false};
 
-  std::mutex mutex_;  ///< guards the two below
+  std::mutex mutex_;  ///< guards the three below
   std::optional<CalibrationResult> last_result_;
+  CalibrationResult accepted_;  ///< every camera as it was last accepted here
   CalibrationStatus status_;
 
   FrameParents frame_parents_;
