@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <tuple>
 
 #include "scenecalib/geometry/so3.h"
+#include "scenecalib/tracking/track_selection.h"
 
 namespace scenecalib {
 namespace {
@@ -142,37 +142,19 @@ std::vector<TransferTerm> BuildTerms(const CameraContext& context, const std::ve
 
 std::vector<Track> SelectTracks(const std::vector<Track>& tracks, int max_tracks, int min_views,
                                 int width_px, int height_px) {
-  constexpr int kGrid = 8;
-  constexpr Timestamp kTimeBin_ns = 1000000000;
-  // Buckets of (time, row, column); each gives up its longest track in turn.
-  std::map<std::tuple<Timestamp, int, int>, std::vector<std::size_t>> buckets;
-  for (std::size_t i = 0; i < tracks.size(); ++i) {
-    const auto& observations = tracks[i].observations;
-    if (static_cast<int>(observations.size()) < min_views) continue;
+  std::vector<TrackSummary> summaries;
+  summaries.reserve(tracks.size());
+  for (const Track& track : tracks) {
+    const auto& observations = track.observations;
     const TrackObservation& middle = observations[observations.size() / 2];
-    const int row = static_cast<int>(kGrid * (middle.pixel.y() + 0.5) / height_px);
-    const int column = static_cast<int>(kGrid * (middle.pixel.x() + 0.5) / width_px);
-    buckets[{middle.stamp_ns / kTimeBin_ns, row, column}].push_back(i);
+    summaries.push_back({middle.stamp_ns, middle.pixel, observations.size()});
   }
-  for (auto& bucket : buckets) {
-    std::stable_sort(bucket.second.begin(), bucket.second.end(),
-                     [&tracks](std::size_t a, std::size_t b) {
-                       return tracks[a].observations.size() > tracks[b].observations.size();
-                     });
-  }
-  std::vector<std::size_t> chosen;
-  for (std::size_t rank = 0; static_cast<int>(chosen.size()) < max_tracks; ++rank) {
-    const std::size_t before = chosen.size();
-    for (const auto& bucket : buckets) {
-      if (rank >= bucket.second.size() || static_cast<int>(chosen.size()) >= max_tracks) continue;
-      chosen.push_back(bucket.second[rank]);
-    }
-    if (chosen.size() == before) break;
-  }
-  std::sort(chosen.begin(), chosen.end());
   std::vector<Track> selected;
-  selected.reserve(chosen.size());
-  for (const std::size_t i : chosen) selected.push_back(tracks[i]);
+  for (const std::size_t i :
+       SelectSpread(summaries, static_cast<std::size_t>(max_tracks),
+                    static_cast<std::size_t>(min_views), width_px, height_px)) {
+    selected.push_back(tracks[i]);
+  }
   return selected;
 }
 

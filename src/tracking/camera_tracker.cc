@@ -11,6 +11,7 @@
 #include "scenecalib/tracking/live_tracker.h"
 #include "scenecalib/tracking/reference_registration.h"
 #include "scenecalib/tracking/track_extension.h"
+#include "scenecalib/tracking/track_selection.h"
 #include "scenecalib/tracking/track_verification.h"
 
 namespace scenecalib {
@@ -38,6 +39,32 @@ ImageQuality TypicalQuality(const std::map<Timestamp, cv::Mat>& images, const cv
   typical.noise_levels = noise[static_cast<std::size_t>(middle)];
   typical.contrast = contrast[static_cast<std::size_t>(middle)];
   return typical;
+}
+
+std::size_t NumObservations(const std::vector<LiveTrack>& tracks) {
+  std::size_t num_observations = 0;
+  for (const LiveTrack& track : tracks) num_observations += track.observations.size();
+  return num_observations;
+}
+
+/// The tracks that are worth registering: RegistrationOptions::max_tracks.
+std::vector<LiveTrack> Selected(std::vector<LiveTrack> tracks, const TrackingOptions& options,
+                                const CameraModel& model) {
+  if (options.registration.max_tracks == 0) return tracks;
+  std::vector<TrackSummary> summaries;
+  summaries.reserve(tracks.size());
+  for (const LiveTrack& track : tracks) {
+    const LiveObservation& middle = track.observations[track.observations.size() / 2];
+    summaries.push_back({middle.stamp_ns, middle.pixel, track.observations.size()});
+  }
+  std::vector<LiveTrack> selected;
+  for (const std::size_t i :
+       SelectSpread(summaries, static_cast<std::size_t>(options.registration.max_tracks),
+                    static_cast<std::size_t>(options.verification.min_observations),
+                    model.width_px(), model.height_px())) {
+    selected.push_back(std::move(tracks[i]));
+  }
+  return selected;
 }
 
 }  // namespace
@@ -148,9 +175,13 @@ CameraSegment CameraTracker::Segment() const {
   const VerificationOptions& verification = impl.options.verification;
   const cv::Mat mask = impl.live->Mask();
   const ImageQuality quality = TypicalQuality(impl.images, mask);
-  std::vector<RegisteredTrack> registered =
-      RegisterAgainstReference(impl.live->Tracks(), impl.images, mask, quality,
-                               verification.min_observations, impl.options.registration);
+  std::vector<LiveTrack> live = impl.live->Tracks();
+  const std::size_t num_followed = NumObservations(live);
+  live = Selected(std::move(live), impl.options, *impl.model);
+  const double registered_share = static_cast<double>(NumObservations(live)) /
+                                  static_cast<double>(std::max<std::size_t>(1, num_followed));
+  std::vector<RegisteredTrack> registered = RegisterAgainstReference(
+      live, impl.images, mask, quality, verification.min_observations, impl.options.registration);
   ExtendTracks(*impl.model, impl.images, mask, quality, impl.options, &registered);
   for (RegisteredTrack& track : registered) segment.tracks.push_back(std::move(track.track));
   VerifyTracks(*impl.model, verification, &segment.tracks);
@@ -160,8 +191,9 @@ CameraSegment CameraTracker::Segment() const {
   }
   std::size_t num_observations = 0;
   for (const Track& track : segment.tracks) num_observations += track.observations.size();
-  const std::size_t tracks_an_image =
-      num_observations / std::max<std::size_t>(1, impl.images.size());
+  const auto tracks_an_image = static_cast<std::size_t>(
+      static_cast<double>(num_observations) /
+      (std::max(1e-6, registered_share) * static_cast<double>(impl.images.size())));
   if (2 * impl.num_images_black < impl.num_images_in &&
       segment.mean_brightness < impl.options.flow.dark_mean &&
       tracks_an_image < static_cast<std::size_t>(verification.min_tracks_in_dark)) {

@@ -4,6 +4,8 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <cstring>
 #include <opencv2/core/hal/intrin.hpp>
 
 namespace scenecalib {
@@ -32,17 +34,34 @@ void SplineDerivatives(float t, float* weights) {
 /// The weights in steps of 1/512 px: rounding to them is random from pixel to pixel of a patch.
 class SplineTable {
  public:
+  /// Weights as they are, and as two pairs of 16-bit integers that sum up to kOne.
+  struct Entry {
+    float weights[4];
+    std::uint32_t pairs[2];
+  };
+  static constexpr int kOne = 1 << 14;
+
   SplineTable() {
-    for (int i = 0; i <= kSteps; ++i) SplineWeights(static_cast<float>(i) / kSteps, weights_[i]);
+    for (int i = 0; i <= kSteps; ++i) {
+      Entry& entry = entries_[i];
+      SplineWeights(static_cast<float>(i) / kSteps, entry.weights);
+      std::uint32_t whole[4];
+      for (int k : {0, 2, 3}) {
+        whole[k] = static_cast<std::uint32_t>(std::lround(entry.weights[k] * kOne));
+      }
+      whole[1] = kOne - whole[0] - whole[2] - whole[3];
+      entry.pairs[0] = whole[0] | (whole[1] << 16);
+      entry.pairs[1] = whole[2] | (whole[3] << 16);
+    }
   }
 
-  const float* Weights(float fraction) const {
-    return weights_[static_cast<int>(fraction * kSteps + 0.5F)];
+  const Entry& At(float fraction) const {
+    return entries_[static_cast<int>(fraction * kSteps + 0.5F)];
   }
 
  private:
   static constexpr int kSteps = 512;
-  float weights_[kSteps + 1][4];
+  Entry entries_[kSteps + 1];
 };
 
 const SplineTable kSpline;
@@ -59,6 +78,30 @@ inline float Convolve(const uchar* corner, std::size_t step, const float* weight
   sum = cv::v_muladd(LoadRow(corner + 2 * step), cv::v_setall_f32(weights_y[2]), sum);
   sum = cv::v_muladd(LoadRow(corner + 3 * step), cv::v_setall_f32(weights_y[3]), sum);
   return cv::v_reduce_sum(sum * cv::v_load(weights_x));
+}
+
+inline std::uint32_t FourPixels(const uchar* row) {
+  std::uint32_t pixels;
+  std::memcpy(&pixels, row, sizeof(pixels));
+  return pixels;
+}
+
+/// The columns of the 4x4 pixels that begin at `corner`, summed with `down` and weighed with
+/// `across`: what Convolve sums up, times kOne.
+inline v_float32x4 WeighColumns(const uchar* corner, std::size_t step,
+                                const SplineTable::Entry& across, const SplineTable::Entry& down) {
+  const cv::v_uint32x4 even(FourPixels(corner), FourPixels(corner + 2 * step), 0, 0);
+  const cv::v_uint32x4 odd(FourPixels(corner + step), FourPixels(corner + 3 * step), 0, 0);
+  cv::v_uint8x16 rows, unused;  // two rows interleaved, then the other two
+  cv::v_zip(cv::v_reinterpret_as_u8(even), cv::v_reinterpret_as_u8(odd), rows, unused);
+  cv::v_uint16x8 upper, lower;
+  cv::v_expand(rows, upper, lower);
+  const cv::v_int32x4 sum =
+      cv::v_dotprod(cv::v_reinterpret_as_s16(upper),
+                    cv::v_reinterpret_as_s16(cv::v_setall_u32(down.pairs[0]))) +
+      cv::v_dotprod(cv::v_reinterpret_as_s16(lower),
+                    cv::v_reinterpret_as_s16(cv::v_setall_u32(down.pairs[1])));
+  return cv::v_cvt_f32(sum) * cv::v_load(across.weights);
 }
 
 struct Cell {
@@ -316,20 +359,33 @@ void PatchTemplate::SampleOnce(const cv::Mat& image, const PatchWarp& warp, floa
   const Eigen::Matrix2f a = warp.affine.cast<float>();
   const Eigen::Matrix<float, 2, 3> q = warp.quadratic.cast<float>();
   const Eigen::Vector2f c = warp.center_px.cast<float>();
+  const cv::v_float32x4 unit = cv::v_setall_f32(1.0F / SplineTable::kOne);
   for (int y = -radius_px_; y <= radius_px_; ++y) {
     const auto fy = static_cast<float>(y);
     const float row_x = c.x() + (a(0, 1) + q(0, 2) * fy) * fy;
     const float row_y = c.y() + (a(1, 1) + q(1, 2) * fy) * fy;
     const float slope_x = a(0, 0) + q(0, 1) * fy;
     const float slope_y = a(1, 0) + q(1, 1) * fy;
-    for (int x = -radius_px_; x <= radius_px_; ++x) {
+    const auto cell_at = [&](int x) {
       const auto fx = static_cast<float>(x);
-      const Cell cell = Locate(image, row_x + (slope_x + q(0, 0) * fx) * fx,
-                               row_y + (slope_y + q(1, 0) * fx) * fx);
-      *value++ = reading_ == PatchReading::kSmooth
-                     ? Convolve(cell.corner, step, kSpline.Weights(cell.fraction_x),
-                                kSpline.Weights(cell.fraction_y))
-                     : Bilinear(cell, step);
+      return Locate(image, row_x + (slope_x + q(0, 0) * fx) * fx,
+                    row_y + (slope_y + q(1, 0) * fx) * fx);
+    };
+    int x = -radius_px_;
+    if (reading_ == PatchReading::kSmooth) {
+      const auto columns_at = [&](int at) {
+        const Cell cell = cell_at(at);
+        return WeighColumns(cell.corner, step, kSpline.At(cell.fraction_x),
+                            kSpline.At(cell.fraction_y));
+      };
+      for (; x + 3 <= radius_px_; x += 4, value += 4) {
+        cv::v_store(value, cv::v_reduce_sum4(columns_at(x), columns_at(x + 1), columns_at(x + 2),
+                                             columns_at(x + 3)) *
+                               unit);
+      }
+      for (; x <= radius_px_; ++x) *value++ = cv::v_reduce_sum(columns_at(x) * unit);
+    } else {
+      for (; x <= radius_px_; ++x) *value++ = Bilinear(cell_at(x), step);
     }
   }
 }

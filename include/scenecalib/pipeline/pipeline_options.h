@@ -28,6 +28,12 @@ struct StreamCheckOptions {
 
 /// Every stage's options in one: the keys of the configuration file.
 struct PipelineOptions {
+  /// A calibration takes joint.max_tracks_per_camera tracks: some more are measured, so that
+  /// verification and the held-out part leave enough.
+  static constexpr int kMaxTracks = 4500;
+
+  PipelineOptions() { tracking.registration.max_tracks = kMaxTracks; }
+
   int threads = 0;
   StreamCheckOptions stream_check;
   SegmentChoiceOptions segment;

@@ -53,6 +53,7 @@ struct FlowOptions {
 
 /// Registering every observation against the patch of its track's reference view.
 struct RegistrationOptions {
+  int max_tracks = 0;
   int live_radius_px = 7;
   int radius_px = 10;
   int max_iterations = 12;
@@ -73,6 +74,9 @@ struct RegistrationOptions {
   double max_core_residual = 0.6;
 
   void Visit(OptionVisitor& v) {
+    v.Field("max_tracks", &max_tracks, {0, 10000000},
+            "tracks of a camera that are registered when a segment is asked for, long ones first, "
+            "spread over image and time; 0 for all");
     v.Field("live_radius_px", &live_radius_px, {3, 30},
             "half edge of the patch that keeps a live track from drifting");
     v.Field("radius_px", &radius_px, {3, 40}, "half edge of the patch of the final registration");

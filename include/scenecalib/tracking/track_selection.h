@@ -1,0 +1,24 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <vector>
+
+#include "scenecalib/base/timestamp.h"
+
+namespace scenecalib {
+
+/// What a selection needs to know of a track.
+struct TrackSummary {
+  Timestamp stamp_ns = 0;  ///< of its middle observation
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+  std::size_t num_views = 0;
+};
+
+/// Indices, in increasing order, of at most `max_tracks` of the tracks with at least `min_views`:
+/// long ones first, spread over time (seconds) and the image of the size given.
+std::vector<std::size_t> SelectSpread(const std::vector<TrackSummary>& tracks,
+                                      std::size_t max_tracks, std::size_t min_views, int width_px,
+                                      int height_px);
+
+}  // namespace scenecalib

@@ -1,0 +1,42 @@
+#include "scenecalib/tracking/track_selection.h"
+
+#include <algorithm>
+#include <map>
+#include <tuple>
+
+namespace scenecalib {
+
+std::vector<std::size_t> SelectSpread(const std::vector<TrackSummary>& tracks,
+                                      std::size_t max_tracks, std::size_t min_views, int width_px,
+                                      int height_px) {
+  constexpr int kGrid = 8;
+  constexpr Timestamp kTimeBin_ns = 1000000000;
+  // Buckets of (time, row, column); each gives up its longest track in turn.
+  std::map<std::tuple<Timestamp, int, int>, std::vector<std::size_t>> buckets;
+  for (std::size_t i = 0; i < tracks.size(); ++i) {
+    const TrackSummary& track = tracks[i];
+    if (track.num_views < min_views) continue;
+    const int row = static_cast<int>(kGrid * (track.pixel.y() + 0.5) / height_px);
+    const int column = static_cast<int>(kGrid * (track.pixel.x() + 0.5) / width_px);
+    buckets[{track.stamp_ns / kTimeBin_ns, row, column}].push_back(i);
+  }
+  for (auto& bucket : buckets) {
+    std::stable_sort(bucket.second.begin(), bucket.second.end(),
+                     [&tracks](std::size_t a, std::size_t b) {
+                       return tracks[a].num_views > tracks[b].num_views;
+                     });
+  }
+  std::vector<std::size_t> chosen;
+  for (std::size_t rank = 0; chosen.size() < max_tracks; ++rank) {
+    const std::size_t before = chosen.size();
+    for (const auto& bucket : buckets) {
+      if (rank >= bucket.second.size() || chosen.size() >= max_tracks) continue;
+      chosen.push_back(bucket.second[rank]);
+    }
+    if (chosen.size() == before) break;
+  }
+  std::sort(chosen.begin(), chosen.end());
+  return chosen;
+}
+
+}  // namespace scenecalib

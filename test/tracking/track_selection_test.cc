@@ -1,0 +1,49 @@
+#include "scenecalib/tracking/track_selection.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "scenecalib/base/random.h"
+
+namespace scenecalib {
+namespace {
+
+constexpr int kWidth_px = 800;
+constexpr int kHeight_px = 600;
+
+TEST(TrackSelection, TheLongestOfEveryCornerOfTheImageComeFirst) {
+  std::vector<TrackSummary> tracks;
+  for (std::size_t views = 3; views < 13; ++views) {
+    tracks.push_back({0, {50.0, 50.0}, views});
+    tracks.push_back({0, {750.0, 550.0}, views + 20});
+  }
+  const auto chosen = SelectSpread(tracks, 4, 3, kWidth_px, kHeight_px);
+  EXPECT_EQ(chosen, (std::vector<std::size_t>{16, 17, 18, 19}));
+}
+
+TEST(TrackSelection, EverySecondOfTheDriveHasItsShare) {
+  Random random(1);
+  std::vector<TrackSummary> tracks;
+  for (int i = 0; i < 900; ++i) {
+    const int second = i % 9 == 0 ? 1 : 0;  // far fewer in the later one
+    tracks.push_back({second * 1000000000LL,
+                      {random.Uniform(0.0, kWidth_px - 1.0), random.Uniform(0.0, kHeight_px - 1.0)},
+                      static_cast<std::size_t>(random.Uniform(3.0, 20.0))});
+  }
+  const auto chosen = SelectSpread(tracks, 128, 3, kWidth_px, kHeight_px);
+  ASSERT_EQ(chosen.size(), 128U);
+  EXPECT_TRUE(std::is_sorted(chosen.begin(), chosen.end()));
+  const auto late = std::count_if(chosen.begin(), chosen.end(),
+                                  [&](std::size_t i) { return tracks[i].stamp_ns > 0; });
+  EXPECT_GT(late, 40) << "of 128, where one in nine tracks is late";
+}
+
+TEST(TrackSelection, ShortTracksAreNotTakenHoweverFewThereAre) {
+  const std::vector<TrackSummary> tracks = {{0, {10.0, 10.0}, 2}, {0, {20.0, 10.0}, 3}};
+  EXPECT_EQ(SelectSpread(tracks, 10, 3, kWidth_px, kHeight_px), (std::vector<std::size_t>{1}));
+  EXPECT_TRUE(SelectSpread({}, 10, 3, kWidth_px, kHeight_px).empty());
+}
+
+}  // namespace
+}  // namespace scenecalib
