@@ -2,6 +2,7 @@
 // the errors of the cross-camera matches.
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <optional>
@@ -27,7 +28,48 @@ struct Arguments {
   std::string config;
   bool true_trajectory = false;
   bool true_intrinsics = false;
+  double time_offset_ms = 0.0;
 };
+
+/// The error of the initial time offset: the same for all cameras but of changing sign.
+double TimeOffsetError_s(std::size_t camera, const Arguments& arguments) {
+  return (camera % 2 == 0 ? 1e-3 : -1e-3) * arguments.time_offset_ms;
+}
+
+double Quantile(std::vector<double>* values, double share) {
+  if (values->empty()) return 0.0;
+  const auto n = static_cast<std::ptrdiff_t>(share * static_cast<double>(values->size() - 1));
+  std::nth_element(values->begin(), values->begin() + n, values->end());
+  return *(values->begin() + n);
+}
+
+/// Matches between cameras against the true scene point of the source pixel, seen by the target.
+void ReportMatches(const SimulatedDrive& drive, const std::vector<MatchedPixels>& matches) {
+  const Simulator& truth = drive.simulator();
+  std::vector<double> errors_px;
+  int num_wrong = 0;
+  for (const MatchedPixels& match : matches) {
+    const CameraConfig& source = drive.rig().cameras[static_cast<std::size_t>(match.source_camera)];
+    const CameraConfig& target = drive.rig().cameras[static_cast<std::size_t>(match.target_camera)];
+    const auto point = truth.TrueScenePoint(match.source_camera,
+                                            AddSeconds(match.source_stamp_ns, source.time_offset_s),
+                                            match.source_px);
+    const auto map_from_lidar =
+        truth.MapFromLidar(AddSeconds(match.target_stamp_ns, target.time_offset_s));
+    std::optional<Eigen::Vector2d> seen;
+    if (point && !point->is_moving && map_from_lidar) {
+      seen = target.model->Project((*map_from_lidar * target.lidar_from_camera).Inverse() *
+                                   point->point_in_map_m);
+    }
+    const double error_px = seen ? (*seen - match.target_px).norm() : 1e3;
+    errors_px.push_back(error_px);
+    if (error_px > 3.0) ++num_wrong;
+  }
+  std::printf(
+      "  matches between cameras %zu: median %.3f px, 95 %% %.3f px, off by over 3 px %.2f %%\n",
+      errors_px.size(), Quantile(&errors_px, 0.5), Quantile(&errors_px, 0.95),
+      100.0 * num_wrong / std::max<std::size_t>(1, errors_px.size()));
+}
 
 Result<PipelineResult> Calibrate(const SimulatedDrive& drive, const Rig& initial,
                                  const PipelineOptions& options, bool true_trajectory) {
@@ -48,7 +90,8 @@ Result<PipelineResult> Calibrate(const SimulatedDrive& drive, const Rig& initial
   return pipeline->Run({}, known);
 }
 
-Status Report(const SimulatedDrive& drive, const PipelineResult& result) {
+Status Report(const SimulatedDrive& drive, const Arguments& arguments,
+              const PipelineResult& result) {
   const auto errors = CompareRigs(drive.rig(), result.calibration.result.rig);
   if (!errors.ok()) return errors.status();
   for (std::size_t c = 0; c < errors->size(); ++c) {
@@ -66,9 +109,17 @@ Status Report(const SimulatedDrive& drive, const PipelineResult& result) {
         error.translation_m.array() / quality.stddev.translation_m.array();
     std::printf("           error / stddev: %+.1f %+.1f %+.1f  %+.1f %+.1f %+.1f\n", rotation[0],
                 rotation[1], rotation[2], translation[0], translation[1], translation[2]);
+    if (arguments.time_offset_ms != 0.0) {
+      const double error_s = result.calibration.result.rig.cameras[c].time_offset_s -
+                             drive.rig().cameras[c].time_offset_s;
+      std::printf("           time offset %+.1f ms -> %+.3f ms (stddev %.3f)\n",
+                  1e3 * TimeOffsetError_s(c, arguments), 1e3 * error_s,
+                  1e3 * quality.stddev.time_offset_s);
+    }
     for (const std::string& reason : quality.reasons)
       std::printf("           %s\n", reason.c_str());
   }
+  ReportMatches(drive, result.calibration.evidence.matches);
   std::printf("  ");
   for (const StageCost& cost : result.costs) {
     std::printf("%s %.1f s; ", cost.stage.c_str(), cost.wall_s);
@@ -93,13 +144,19 @@ Status Run(const DriveSpec& spec, const Arguments& arguments) {
       initial->cameras[c].model = drive->rig().cameras[c].model;
     }
   }
+  if (arguments.time_offset_ms != 0.0) {
+    options.calibration.estimate_time_offset = true;
+    for (std::size_t c = 0; c < initial->cameras.size(); ++c) {
+      initial->cameras[c].time_offset_s += TimeOffsetError_s(c, arguments);
+    }
+  }
   const Result<PipelineResult> result =
       Calibrate(*drive, *initial, options, arguments.true_trajectory);
   if (!result.ok()) return result.status();
   std::printf("%s%s%s\n", Describe(spec).c_str(),
               arguments.true_trajectory ? ", true trajectory" : "",
               arguments.true_intrinsics ? ", true intrinsics held" : "");
-  return Report(*drive, *result);
+  return Report(*drive, arguments, *result);
 }
 
 }  // namespace
@@ -119,6 +176,8 @@ int main(int argc, char** argv) {
   app.add_option("--cache", arguments.drive.cache_directory, "directory to keep the drives in");
   app.add_flag("--true-trajectory", arguments.true_trajectory, "instead of the estimated one");
   app.add_flag("--true-intrinsics", arguments.true_intrinsics, "given and held");
+  app.add_option("--time-offset-ms", arguments.time_offset_ms,
+                 "the initial time offsets are off by so much, plus and minus in turn; estimated");
   CLI11_PARSE(app, argc, argv);
   scenecalib::SetLogSink([](scenecalib::LogSeverity, const std::string& message) {
     std::fprintf(stderr, "%s\n", message.c_str());

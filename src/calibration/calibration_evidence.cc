@@ -66,6 +66,15 @@ void AddCrossCameraEvidence(const Rig& initial, const JointCalibration& joint,
   evidence->joint_converged = joint.converged;
   evidence->cross_camera = joint.cross_camera;
   evidence->cross_camera.matches.clear();
+  for (const CrossCameraMatch& match : joint.cross_camera.matches) {
+    const auto source = static_cast<std::size_t>(match.source_camera);
+    const Track& track = joint.tracks[source][static_cast<std::size_t>(match.source_point)];
+    const TrackObservation& reference =
+        track.observations[static_cast<std::size_t>(track.reference)];
+    evidence->matches.push_back(
+        {camera_of_joint[source], camera_of_joint[static_cast<std::size_t>(match.target_camera)],
+         reference.stamp_ns, match.target_stamp_ns, reference.pixel, match.pixel});
+  }
   std::vector<CameraParameters> initial_cameras;
   for (const int camera : camera_of_joint) {
     initial_cameras.push_back(InitialParameters(initial.cameras[static_cast<std::size_t>(camera)]));

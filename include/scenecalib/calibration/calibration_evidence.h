@@ -39,12 +39,25 @@ struct CrossCameraEvidence {
   double median_after_px = 0.0;
 };
 
+/// One match between two cameras, as found: a track's pixel in its reference view and where the
+/// other camera sees the same point. Stamps are of the cameras' own clocks.
+struct MatchedPixels {
+  int source_camera = 0;  ///< index into the rig
+  int target_camera = 0;
+  Timestamp source_stamp_ns = 0;
+  Timestamp target_stamp_ns = 0;
+  Eigen::Vector2d source_px = Eigen::Vector2d::Zero();
+  Eigen::Vector2d target_px = Eigen::Vector2d::Zero();
+};
+
 /// What CalibrateRig saw on its way, for reports.
 struct CalibrationEvidence {
   std::vector<CameraEvidence> cameras;     ///< parallel to the rig's cameras
   std::vector<CrossCameraEvidence> pairs;  ///< by source, then target; only pairs with matches
-  /// Candidates between cameras and why they were dropped, as last matched (`matches` is empty).
+  /// Candidates between cameras and why they were dropped, as last matched (its `matches` are
+  /// below).
   CrossCameraMatching cross_camera;
+  std::vector<MatchedPixels> matches;  ///< the same, before any is rejected by its residual
   bool joint_converged = false;
   double correction_rms_m = 0.0;  ///< of the trajectory's correction
   double correction_rms_rad = 0.0;
