@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "scenecalib/tracking/image_store.h"
 #include "scenecalib/tracking/live_tracker.h"
 #include "scenecalib/tracking/reference_registration.h"
 #include "scenecalib/tracking/track_extension.h"
@@ -70,14 +71,28 @@ std::vector<LiveTrack> Selected(std::vector<LiveTrack> tracks, const TrackingOpt
 }  // namespace
 
 struct CameraTracker::Impl {
+  Impl(std::string name_in, CameraModelPtr model_in, const TrackingOptions& options_in,
+       const cv::Mat& mask_in)
+      : name(std::move(name_in)),
+        model(std::move(model_in)),
+        options(options_in),
+        mask(mask_in),
+        grey(MaxBytes(options)),
+        colour(MaxBytes(options)) {}
+
+  static std::size_t MaxBytes(const TrackingOptions& options) {
+    return static_cast<std::size_t>(options.buffer.max_memory_mib) << 20U;
+  }
+
   std::string name;
   CameraModelPtr model;
   TrackingOptions options;
   cv::Mat mask;  ///< of the user, or empty
 
   std::optional<LiveTracker> live;  ///< none until the first image
-  std::map<Timestamp, cv::Mat> images;
-  std::map<Timestamp, cv::Mat> colour_images;
+  ImageStore grey;
+  ImageStore colour;
+  Status store_status;  ///< why images could not be kept, if so
   Timestamp last_stamp_ns = 0;
   int num_images_in = 0;
   int num_images_black = 0;
@@ -85,6 +100,8 @@ struct CameraTracker::Impl {
   double brightness_sum = 0.0;
 
   Status Check(const GrayImage& image) const;
+  void Keep(const GrayImage& kept, const cv::Mat& colour_pixels);
+  void ForgetOldest();
 };
 
 Status CameraTracker::Impl::Check(const GrayImage& image) const {
@@ -112,26 +129,40 @@ Status CameraTracker::Impl::Check(const GrayImage& image) const {
   return Status::Ok();
 }
 
+/// Keeps an image, and forgets the oldest ones beyond the bound or where there is no room for more.
+void CameraTracker::Impl::Keep(const GrayImage& kept, const cv::Mat& colour_pixels) {
+  Status status = grey.Add(kept.stamp_ns, kept.pixels);
+  if (status.ok() && colour_pixels.type() == CV_8UC3 &&
+      colour_pixels.size() == kept.pixels.size()) {
+    status = colour.Add(kept.stamp_ns, colour_pixels.clone());
+  }
+  while (static_cast<int>(grey.images().size()) > options.buffer.max_images) ForgetOldest();
+  if (status.ok()) return;
+  store_status = status;
+  while (grey.images().size() > 1 && grey.bytes_in_memory() > MaxBytes(options)) ForgetOldest();
+  while (!colour.images().empty() && colour.bytes_in_memory() > MaxBytes(options)) {
+    colour.Remove(colour.images().begin()->first);
+  }
+}
+
+void CameraTracker::Impl::ForgetOldest() {
+  const Timestamp oldest_ns = grey.images().begin()->first;
+  live->Forget(oldest_ns);
+  colour.Remove(oldest_ns);
+  grey.Remove(oldest_ns);
+  ++num_images_dropped;
+}
+
 CameraTracker::CameraTracker(std::string name, CameraModelPtr model, const TrackingOptions& options,
                              const cv::Mat& mask)
-    : impl_(std::make_unique<Impl>()) {
-  impl_->name = std::move(name);
-  impl_->model = std::move(model);
-  impl_->options = options;
-  impl_->mask = mask.clone();
-}
+    : impl_(std::make_unique<Impl>(std::move(name), std::move(model), options, mask.clone())) {}
 
 CameraTracker::~CameraTracker() = default;
 CameraTracker::CameraTracker(CameraTracker&&) noexcept = default;
 CameraTracker& CameraTracker::operator=(CameraTracker&&) noexcept = default;
 
 void CameraTracker::Reset() {
-  auto fresh = std::make_unique<Impl>();
-  fresh->name = impl_->name;
-  fresh->model = impl_->model;
-  fresh->options = impl_->options;
-  fresh->mask = impl_->mask;
-  impl_ = std::move(fresh);
+  impl_ = std::make_unique<Impl>(impl_->name, impl_->model, impl_->options, impl_->mask);
 }
 
 Result<FrameTracking> CameraTracker::AddImage(const GrayImage& image) {
@@ -142,47 +173,42 @@ Result<FrameTracking> CameraTracker::AddImage(const GrayImage& image) {
       image.stamp_ns, image.pixels.clone(), {}};  // the caller may reuse its buffer
   const FrameTracking frame = impl.live->Add(kept);
 
-  impl.images.emplace(kept.stamp_ns, kept.pixels);
-  if (image.colour.type() == CV_8UC3 && image.colour.size() == image.pixels.size()) {
-    impl.colour_images.emplace(kept.stamp_ns, image.colour.clone());
-  }
+  impl.Keep(kept, image.colour);
   impl.last_stamp_ns = kept.stamp_ns;
   ++impl.num_images_in;
   impl.num_images_black += frame.is_black ? 1 : 0;
   impl.brightness_sum += frame.mean_brightness;
-  while (static_cast<int>(impl.images.size()) > impl.options.buffer.max_images) {
-    impl.live->Forget(impl.images.begin()->first);
-    impl.colour_images.erase(impl.images.begin()->first);
-    impl.images.erase(impl.images.begin());
-    ++impl.num_images_dropped;
-  }
   return frame;
 }
 
 CameraSegment CameraTracker::Segment() const {
   const Impl& impl = *impl_;
   CameraSegment segment;
-  segment.images = impl.images;
-  segment.colour_images = impl.colour_images;
+  const std::map<Timestamp, cv::Mat>& images = impl.grey.images();
+  segment.images = images;
+  segment.colour_images = impl.colour.images();
   segment.num_images_in = impl.num_images_in;
   segment.num_images_dropped_at_bound = impl.num_images_dropped;
   if (!impl.live) return segment;
   segment.mean_brightness = impl.brightness_sum / impl.num_images_in;
+  if (!impl.store_status.ok()) {
+    segment.warnings.push_back(impl.name + ": " + impl.store_status.message());
+  }
   if (impl.num_images_black > 0) {
     segment.warnings.push_back(impl.name + ": " + std::to_string(impl.num_images_black) + " of " +
                                std::to_string(impl.num_images_in) + " images are black");
   }
   const VerificationOptions& verification = impl.options.verification;
   const cv::Mat mask = impl.live->Mask();
-  const ImageQuality quality = TypicalQuality(impl.images, mask);
+  const ImageQuality quality = TypicalQuality(images, mask);
   std::vector<LiveTrack> live = impl.live->Tracks();
   const std::size_t num_followed = NumObservations(live);
   live = Selected(std::move(live), impl.options, *impl.model);
   const double registered_share = static_cast<double>(NumObservations(live)) /
                                   static_cast<double>(std::max<std::size_t>(1, num_followed));
   std::vector<RegisteredTrack> registered = RegisterAgainstReference(
-      live, impl.images, mask, quality, verification.min_observations, impl.options.registration);
-  ExtendTracks(*impl.model, impl.images, mask, quality, impl.options, &registered);
+      live, images, mask, quality, verification.min_observations, impl.options.registration);
+  ExtendTracks(*impl.model, images, mask, quality, impl.options, &registered);
   for (RegisteredTrack& track : registered) segment.tracks.push_back(std::move(track.track));
   VerifyTracks(*impl.model, verification, &segment.tracks);
   if (segment.tracks.empty()) {
@@ -193,7 +219,7 @@ CameraSegment CameraTracker::Segment() const {
   for (const Track& track : segment.tracks) num_observations += track.observations.size();
   const auto tracks_an_image = static_cast<std::size_t>(
       static_cast<double>(num_observations) /
-      (std::max(1e-6, registered_share) * static_cast<double>(impl.images.size())));
+      (std::max(1e-6, registered_share) * static_cast<double>(images.size())));
   if (2 * impl.num_images_black < impl.num_images_in &&
       segment.mean_brightness < impl.options.flow.dark_mean &&
       tracks_an_image < static_cast<std::size_t>(verification.min_tracks_in_dark)) {
@@ -207,7 +233,7 @@ CameraSegment CameraTracker::Segment() const {
 cv::Mat CameraTracker::DebugImage() const {
   cv::Mat drawn;
   if (!impl_->live) return drawn;
-  cv::cvtColor(impl_->images.rbegin()->second, drawn, cv::COLOR_GRAY2BGR);
+  cv::cvtColor(impl_->grey.images().rbegin()->second, drawn, cv::COLOR_GRAY2BGR);
   const auto to_point = [](const Eigen::Vector2d& pixel) {
     return cv::Point2f(static_cast<float>(pixel.x()), static_cast<float>(pixel.y()));
   };

@@ -329,6 +329,24 @@ TEST(CameraTracker, ForgetsTheOldestImagesAtItsBound) {
   }
 }
 
+TEST(CameraTracker, TracksTheSameWhetherImagesAreInMemoryOrInFiles) {
+  TrackingOptions options = SmallOptions();
+  const CameraSegment in_memory = TrackStreet(Pinhole(), options);
+  options.buffer.max_memory_mib = 1;  // about nine of the images
+  const CameraSegment in_files = TrackStreet(Pinhole(), options);
+  ASSERT_EQ(in_files.images.size(), in_memory.images.size());
+  EXPECT_TRUE(in_files.warnings.empty());
+  ASSERT_FALSE(in_memory.tracks.empty());
+  ASSERT_EQ(in_files.tracks.size(), in_memory.tracks.size());
+  for (std::size_t t = 0; t < in_files.tracks.size(); ++t) {
+    const auto& observations = in_files.tracks[t].observations;
+    ASSERT_EQ(observations.size(), in_memory.tracks[t].observations.size());
+    for (std::size_t o = 0; o < observations.size(); ++o) {
+      EXPECT_EQ(observations[o].pixel, in_memory.tracks[t].observations[o].pixel);
+    }
+  }
+}
+
 TEST(CameraTracker, ResetForgetsEverything) {
   CameraTracker tracker("cam", Pinhole(), SmallOptions());
   for (int i = 0; i < 4; ++i) {
