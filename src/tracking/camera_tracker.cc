@@ -10,6 +10,7 @@
 
 #include "scenecalib/tracking/image_store.h"
 #include "scenecalib/tracking/live_tracker.h"
+#include "scenecalib/tracking/noisy_images.h"
 #include "scenecalib/tracking/reference_registration.h"
 #include "scenecalib/tracking/track_extension.h"
 #include "scenecalib/tracking/track_selection.h"
@@ -102,6 +103,8 @@ struct CameraTracker::Impl {
   Status Check(const GrayImage& image) const;
   void Keep(const GrayImage& kept, const cv::Mat& colour_pixels);
   void ForgetOldest();
+  void Register(const std::vector<LiveTrack>& followed, const cv::Mat& seen,
+                const ImageQuality& quality, CameraSegment* segment) const;
 };
 
 Status CameraTracker::Impl::Check(const GrayImage& image) const {
@@ -151,6 +154,32 @@ void CameraTracker::Impl::ForgetOldest() {
   colour.Remove(oldest_ns);
   grey.Remove(oldest_ns);
   ++num_images_dropped;
+}
+
+/// The final tracks from what was followed.
+void CameraTracker::Impl::Register(const std::vector<LiveTrack>& followed, const cv::Mat& seen,
+                                   const ImageQuality& quality, CameraSegment* segment) const {
+  const std::map<Timestamp, cv::Mat>* images = &grey.images();
+  ImageQuality registered_quality = quality;
+  TrackingOptions adapted = options;
+  ImageStore smoothed(MaxBytes(options));
+  if (IsNoisy(quality, options.noisy)) {
+    const Status status = Smooth(grey.images(), options.noisy.blur_px, &smoothed);
+    if (status.ok()) {
+      images = &smoothed.images();
+      registered_quality = AfterSmoothing(quality, options.noisy);
+      adapted = ForNoisyImages(options);
+    } else {
+      segment->warnings.push_back(name +
+                                  ": noisy images are registered as they are: " + status.message());
+    }
+  }
+  std::vector<RegisteredTrack> registered =
+      RegisterAgainstReference(followed, *images, seen, registered_quality,
+                               adapted.verification.min_observations, adapted.registration);
+  ExtendTracks(*model, *images, seen, registered_quality, adapted, &registered);
+  for (RegisteredTrack& track : registered) segment->tracks.push_back(std::move(track.track));
+  VerifyTracks(*model, adapted.verification, &segment->tracks);
 }
 
 CameraTracker::CameraTracker(std::string name, CameraModelPtr model, const TrackingOptions& options,
@@ -206,11 +235,7 @@ CameraSegment CameraTracker::Segment() const {
   live = Selected(std::move(live), impl.options, *impl.model);
   const double registered_share = static_cast<double>(NumObservations(live)) /
                                   static_cast<double>(std::max<std::size_t>(1, num_followed));
-  std::vector<RegisteredTrack> registered = RegisterAgainstReference(
-      live, images, mask, quality, verification.min_observations, impl.options.registration);
-  ExtendTracks(*impl.model, images, mask, quality, impl.options, &registered);
-  for (RegisteredTrack& track : registered) segment.tracks.push_back(std::move(track.track));
-  VerifyTracks(*impl.model, verification, &segment.tracks);
+  impl.Register(live, mask, quality, &segment);
   if (segment.tracks.empty()) {
     segment.warnings.push_back(impl.name + ": no feature could be tracked in " +
                                std::to_string(impl.num_images_in) + " images");

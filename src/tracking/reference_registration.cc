@@ -230,7 +230,12 @@ std::optional<PatchMatch> ReferenceMatcher::Judge(const std::optional<PatchMatch
   const Eigen::Matrix2d in_reference =
       to_reference * match.covariance_px2 * to_reference.transpose();
   // The trace bounds the larger eigenvalue from above, twice the determinant's root from below.
-  if (!(std::max(match.covariance_px2.trace(), in_reference.trace()) < max_variance)) {
+  const double variance = std::max(match.covariance_px2.trace(), in_reference.trace());
+  if (!(variance < max_variance)) return std::nullopt;
+  const double noise_variance = noise_levels_ * noise_levels_ * (1.0 + match.gain * match.gain);
+  const double misfit_share =
+      std::max(0.0, 1.0 - noise_variance / (match.residual_sigma * match.residual_sigma));
+  if (misfit_share * variance > options_.max_misfit_px * options_.max_misfit_px) {
     return std::nullopt;
   }
   return match;

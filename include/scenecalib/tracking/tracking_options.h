@@ -64,6 +64,7 @@ struct RegistrationOptions {
   double max_scale = 2.5;
   double max_correction_px = 3.0;
   double max_sigma_px = 0.1;
+  double max_misfit_px = 0.1;
   double sigma_floor_px = 0.02;
   double noise_correlation = 4.0;
   double max_residual_noise = 2.0;
@@ -95,6 +96,8 @@ struct RegistrationOptions {
         "max_sigma_px", &max_sigma_px, {0.01, 10},
         "observations less certain than this, in any direction, in their own pixels or those of "
         "the reference view, are dropped");
+    v.Field("max_misfit_px", &max_misfit_px, {0.001, 10},
+            "the same for what of the uncertainty the image noise does not explain");
     v.Field("sigma_floor_px", &sigma_floor_px, {0, 1},
             "error of a registration that its residual does not show, added to its covariance");
     v.Field("noise_correlation", &noise_correlation, {1, 100},
@@ -113,6 +116,42 @@ struct RegistrationOptions {
             "an observation by the core alone has to be this certain");
     v.Field("max_core_residual", &max_core_residual, {0, 10},
             "share of the permitted difference that an observation by the core alone may have");
+  }
+};
+
+/// What is done differently when images are noisy for what they show, as at night.
+struct NoisyImageOptions {
+  double min_noise_share = 0.2;
+  double blur_px = 1.2;
+  int radius_px = 16;
+  double max_scale = 1.6;
+  double max_sigma_px = 0.3;
+  double max_misfit_px = 0.03;
+  double max_residual_noise = 1.1;
+  double max_residual_contrast = 0.01;
+  double max_part_shift_px = 0.8;
+  int min_observations = 4;
+  double max_outlier_share = 0.05;
+
+  void Visit(OptionVisitor& v) {
+    v.Field("min_noise_share", &min_noise_share, {0, 100},
+            "images with more noise, as a share of their contrast (both as deviations), are noisy");
+    v.Field("blur_px", &blur_px, {0.3, 10},
+            "deviation of the Gaussian under which noisy images are registered");
+    v.Field("radius_px", &radius_px, {3, 40}, "registration.radius_px for noisy images");
+    v.Field("max_scale", &max_scale, {1.05, 10}, "registration.max_scale likewise");
+    v.Field("max_sigma_px", &max_sigma_px, {0.01, 10}, "registration.max_sigma_px likewise");
+    v.Field("max_misfit_px", &max_misfit_px, {0.001, 10}, "registration.max_misfit_px likewise");
+    v.Field("max_residual_noise", &max_residual_noise, {0, 100},
+            "registration.max_residual_noise likewise");
+    v.Field("max_residual_contrast", &max_residual_contrast, {0, 1},
+            "registration.max_residual_contrast likewise");
+    v.Field("max_part_shift_px", &max_part_shift_px, {0.05, 100},
+            "registration.max_part_shift_px likewise");
+    v.Field("min_observations", &min_observations, {2, 1000},
+            "verification.min_observations likewise");
+    v.Field("max_outlier_share", &max_outlier_share, {0, 1},
+            "verification.max_outlier_share likewise");
   }
 };
 
@@ -167,12 +206,14 @@ struct TrackingOptions {
   DetectionOptions detection;
   FlowOptions flow;
   RegistrationOptions registration;
+  NoisyImageOptions noisy;
   VerificationOptions verification;
   void Visit(OptionVisitor& v) {
     v.Group("buffer", &buffer);
     v.Group("detection", &detection);
     v.Group("flow", &flow);
     v.Group("registration", &registration);
+    v.Group("noisy", &noisy);
     v.Group("verification", &verification);
   }
 };
