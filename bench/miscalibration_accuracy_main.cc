@@ -45,17 +45,17 @@ std::vector<double> ByAxis(const MiscalibrationRate& rate) {
 
 using Rates = std::vector<std::optional<MiscalibrationRate>>;
 
-Result<Rates> RatesOf(const Rig& rig, const PipelineResult& result) {
+Result<std::vector<Rates>> RatesOf(const std::vector<Rig>& rigs, const PipelineResult& result) {
   std::vector<const std::map<Timestamp, cv::Mat>*> images;
   for (const CameraSegment& segment : result.segments) images.push_back(&segment.images);
-  return ComputeMiscalibrationRates(rig, result.mapping.map, images, MiscalibrationOptions());
+  return ComputeMiscalibrationRates(rigs, result.mapping.map, images, MiscalibrationOptions());
 }
 
 /// One camera's axis off by 1 cm or 0.1 degrees: how every axis' rate changes.
 Status Perturb(const Rig& truth, const Rates& of_truth, const PipelineResult& result) {
   static const char* const kAxes[] = {"x", "y", "z", "pitch", "yaw", "roll"};
+  std::vector<Rig> rigs;
   for (std::size_t c = 0; c < truth.cameras.size(); ++c) {
-    if (!of_truth[c]) continue;
     for (int axis = 0; axis < 6; ++axis) {
       const Eigen::Vector3d along = Eigen::Vector3d::Unit(axis % 3);
       Rig rig = truth;
@@ -64,17 +64,22 @@ Status Perturb(const Rig& truth, const Rates& of_truth, const PipelineResult& re
           lidar_from_camera *
           (axis < 3 ? Rigid3(Eigen::Quaterniond::Identity(), 0.01 * along)
                     : Rigid3(ExpSo3(0.1 * M_PI / 180.0 * along), Eigen::Vector3d::Zero()));
-      const Result<Rates> rates = RatesOf(rig, result);
-      if (!rates.ok()) return rates.status();
-      std::printf("%-10s %-6s off:", truth.cameras[c].name.c_str(), kAxes[axis]);
-      for (int k = 0; k < 6; ++k) {
-        const double change = ByAxis(*(*rates)[c])[static_cast<std::size_t>(k)] -
-                              ByAxis(*of_truth[c])[static_cast<std::size_t>(k)];
-        std::printf(k == axis ? " [%+.3f]" : "  %+.3f ", change);
-      }
-      std::printf("\n");
-      std::fflush(stdout);
+      rigs.push_back(rig);
     }
+  }
+  const Result<std::vector<Rates>> rates = RatesOf(rigs, result);
+  if (!rates.ok()) return rates.status();
+  for (std::size_t i = 0; i < rigs.size(); ++i) {
+    const std::size_t c = i / 6;
+    const int axis = static_cast<int>(i % 6);
+    if (!of_truth[c] || !(*rates)[i][c]) continue;
+    std::printf("%-10s %-6s off:", truth.cameras[c].name.c_str(), kAxes[axis]);
+    for (int k = 0; k < 6; ++k) {
+      const double change = ByAxis(*(*rates)[i][c])[static_cast<std::size_t>(k)] -
+                            ByAxis(*of_truth[c])[static_cast<std::size_t>(k)];
+      std::printf(k == axis ? " [%+.3f]" : "  %+.3f ", change);
+    }
+    std::printf("\n");
   }
   return Status::Ok();
 }
@@ -86,7 +91,7 @@ Status Measure(const Arguments& arguments, const DriveSpec& spec) {
   if (!initial.ok()) return initial.status();
   const Result<PipelineResult> result = Run(*drive, *initial);
   if (!result.ok()) return result.status();
-  const Result<Rates> of_truth = RatesOf(drive->rig(), *result);
+  const Result<std::vector<Rates>> of_truth = RatesOf({drive->rig()}, *result);
   if (!of_truth.ok()) return of_truth.status();
   Rates before;
   Rates after;
@@ -96,10 +101,10 @@ Status Measure(const Arguments& arguments, const DriveSpec& spec) {
   }
   std::printf("%s\n%s", Describe(spec).c_str(),
               FormatRateTable(drive->rig().cameras,
-                              {{"truth", *of_truth}, {"result", after}, {"start", before}})
+                              {{"truth", of_truth->front()}, {"result", after}, {"start", before}})
                   .c_str());
   std::fflush(stdout);
-  return arguments.perturb ? Perturb(drive->rig(), *of_truth, *result) : Status::Ok();
+  return arguments.perturb ? Perturb(drive->rig(), of_truth->front(), *result) : Status::Ok();
 }
 
 }  // namespace

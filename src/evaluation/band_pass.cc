@@ -122,9 +122,13 @@ BandPassImage::BandPassImage(const cv::Mat& image, double sigma_px)
   Plane square = fine;
   for (float& value : square.values) value *= value;
   square = SmoothWide(square, kWideOverFine * sigma_px);
-  values_ = std::move(fine.values);
+  constexpr float kLargest = 15.0F;
+  values_.resize(fine.values.size());
   for (std::size_t i = 0; i < values_.size(); ++i) {
-    values_[i] /= std::sqrt(std::max(0.0F, square.values[i]) + kContrastFloor * kContrastFloor);
+    const float contrast =
+        std::sqrt(std::max(0.0F, square.values[i]) + kContrastFloor * kContrastFloor);
+    const float value = std::min(kLargest, std::max(-kLargest, fine.values[i] / contrast));
+    values_[i] = static_cast<std::int16_t>(std::lround(kUnit * value));
   }
 }
 

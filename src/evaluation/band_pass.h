@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <opencv2/core.hpp>
 #include <optional>
 #include <vector>
@@ -21,11 +22,11 @@ class BandPassImage {
     const int row = static_cast<int>(y);
     const float fx = static_cast<float>(x - column);
     const float fy = static_cast<float>(y - row);
-    const float* upper = values_.data() + static_cast<std::size_t>(row) * columns_ + column;
-    const float* lower = upper + columns_;
-    const float above = upper[0] + fx * (upper[1] - upper[0]);
-    const float below = lower[0] + fx * (lower[1] - lower[0]);
-    return above + fy * (below - above);
+    const std::int16_t* upper = values_.data() + static_cast<std::size_t>(row) * columns_ + column;
+    const std::int16_t* lower = upper + columns_;
+    const float above = static_cast<float>(upper[0]) + fx * static_cast<float>(upper[1] - upper[0]);
+    const float below = static_cast<float>(lower[0]) + fx * static_cast<float>(lower[1] - lower[0]);
+    return (above + fy * (below - above)) / kUnit;
   }
   bool Contains(double x, double y, double margin_px) const {
     return x >= margin_px && y >= margin_px && x < columns_ - 1 - margin_px &&
@@ -36,9 +37,10 @@ class BandPassImage {
   int rows() const { return rows_; }
 
  private:
+  static constexpr float kUnit = 2048.0F;
   int columns_ = 0;
   int rows_ = 0;
-  std::vector<float> values_;
+  std::vector<std::int16_t> values_;  ///< in 1 / kUnit: many images are held at a time
 };
 
 }  // namespace scenecalib

@@ -7,19 +7,22 @@
 #include <array>
 #include <cmath>
 #include <iterator>
-#include <set>
+#include <numeric>
 #include <utility>
 
 #include "band_pass.h"
 #include "scenecalib/base/random.h"
 #include "surface_view.h"
 
-// Map of this file: ChooseFrames picks images and casts their rays; ChoosePairs joins frames;
-// MakeComparison lists what both images of a pair see, with the pixels' derivatives by the judged
-// camera's pose; FindOptimum finds each camera's best pose over all its pairs; RatePair perturbs.
+// Map of this file: AddFrames picks images and casts their rays; PairsOfCameras and PairsInTime
+// join frames; MakeComparison lists what both images of a pair see, with the pixels' derivatives by
+// the judged camera's pose; FindOptima finds each camera's best pose over all its pairs; RateCamera
+// perturbs.
 
 namespace scenecalib {
 namespace {
+
+using Rates = std::vector<std::optional<MiscalibrationRate>>;
 
 constexpr int kNumAxes = 6;  // x, y, z, pitch, yaw, roll: translations and rotations by axis
 using AxisValues = Eigen::Array<double, kNumAxes, 1>;
@@ -54,14 +57,8 @@ struct Pair {
   int level = 0;
 };
 
-/// Smoothed images by frame and level.
-using BandPassImages = std::map<std::pair<std::size_t, int>, BandPassImage>;
-
-/// The frames of two cameras, or of one, at all times: judged together.
-struct CameraPair {
-  std::size_t camera = 0;
-  std::vector<std::size_t> pairs;
-};
+/// Smoothed images by image and level; they do not depend on the rig.
+using BandPassImages = std::map<std::pair<const cv::Mat*, int>, BandPassImage>;
 
 /// What a pair's images show of the points that both see. Pixels move with the judged camera's pose
 /// to first order: the perturbations are small.
@@ -121,32 +118,35 @@ std::optional<Frame> MakeFrame(const Rig& rig, std::size_t camera, const SceneMa
   return frame;
 }
 
-/// Per time one frame of each camera and a second one later; slots of frames that do not exist are
-/// empty. The slot of (time, camera, later) is (time * num_cameras + camera) * 2 + later.
-std::vector<std::optional<Frame>> ChooseFrames(
-    const Rig& rig, const SceneMap& map, const RayCaster& caster,
-    const std::vector<const std::map<Timestamp, cv::Mat>*>& images,
-    const MiscalibrationOptions& options) {
-  std::vector<std::optional<Frame>> frames(static_cast<std::size_t>(options.num_times) *
-                                           rig.cameras.size() * 2);
+/// Per time one frame of each camera and a second one later; slots of frames that do not exist, or
+/// that nobody asked for, are empty. The slot of (time, camera, later) is
+/// (time * num_cameras + camera) * 2 + later.
+using Frames = std::vector<std::optional<Frame>>;
+
+/// Fills the slots of these cameras, all of them the first or all the later ones.
+void AddFrames(const Rig& rig, const SceneMap& map, const RayCaster& caster,
+               const std::vector<const std::map<Timestamp, cv::Mat>*>& images,
+               const MiscalibrationOptions& options, const std::vector<bool>& cameras, bool later,
+               Frames* frames) {
+  frames->resize(static_cast<std::size_t>(options.num_times) * rig.cameras.size() * 2);
   const double duration_s =
       SecondsBetween(map.map_from_lidar.start_ns(), map.map_from_lidar.end_ns());
-  tbb::parallel_for(std::size_t{0}, frames.size(), [&](std::size_t slot) {
-    const std::size_t camera = slot / 2 % rig.cameras.size();
-    const std::size_t time = slot / 2 / rig.cameras.size();
+  tbb::parallel_for(std::size_t{0}, frames->size() / 2, [&](std::size_t i) {
+    const std::size_t slot = 2 * i + (later ? 1 : 0);
+    const std::size_t camera = i % rig.cameras.size();
+    const std::size_t time = i / rig.cameras.size();
     const CameraConfig& config = rig.cameras[camera];
-    if (!config.model || images[camera] == nullptr) return;
+    if (!cameras[camera] || !config.model || images[camera] == nullptr) return;
     const double elapsed_s = duration_s * (static_cast<double>(time) + 0.5) / options.num_times +
-                             (slot % 2 == 1 ? options.pair_separation_s : 0.0);
+                             (later ? options.pair_separation_s : 0.0);
     std::optional<Frame> frame =
         MakeFrame(rig, camera, map, *images[camera],
                   AddSeconds(map.map_from_lidar.start_ns(), elapsed_s), options);
     if (!frame) return;
     frame->view.emplace(*config.model, frame->map_from_camera, caster, kNumCells,
                         options.seed + static_cast<int>(slot));
-    frames[slot] = std::move(frame);
+    (*frames)[slot] = std::move(frame);
   });
-  return frames;
 }
 
 /// Angle that a pixel in the middle of the image spans.
@@ -157,24 +157,33 @@ double RadPerPixel(const CameraModel& camera) {
   return a && b ? std::acos(std::min(1.0, a->dot(*b))) : 1e-3;
 }
 
-/// Pairs of frames; the finer camera is smoothed to the coarser one's detail, in steps of a factor
-/// of sqrt(2).
-std::vector<Pair> ChoosePairs(const std::vector<std::optional<Frame>>& frames, const Rig& rig) {
+/// The finer camera is smoothed to the coarser one's detail, in steps of a factor of sqrt(2).
+Pair MakePair(const Frames& frames, const Rig& rig, std::size_t other, std::size_t slot) {
+  const double ratio = RadPerPixel(*rig.cameras[frames[other]->camera].model) /
+                       RadPerPixel(*rig.cameras[frames[slot]->camera].model);
+  const int level = static_cast<int>(std::lround(2.0 * std::log2(ratio)));
+  return {other, slot, std::max(0, -level), std::max(0, level)};
+}
+
+/// Every camera with every other one at about the same time.
+std::vector<Pair> PairsOfCameras(const Frames& frames, const Rig& rig) {
   const std::size_t num_cameras = rig.cameras.size();
   std::vector<Pair> pairs;
-  const auto add = [&](std::size_t other, std::size_t slot) {
-    const double ratio = RadPerPixel(*rig.cameras[frames[other]->camera].model) /
-                         RadPerPixel(*rig.cameras[frames[slot]->camera].model);
-    const int level = static_cast<int>(std::lround(2.0 * std::log2(ratio)));
-    pairs.push_back({other, slot, std::max(0, -level), std::max(0, level)});
-  };
   for (std::size_t slot = 0; slot < frames.size(); slot += 2) {
     if (!frames[slot]) continue;
-    if (frames[slot + 1]) add(slot + 1, slot);
     const std::size_t first_of_time = slot - slot % (2 * num_cameras);
     for (std::size_t other = first_of_time; other < first_of_time + 2 * num_cameras; other += 2) {
-      if (other != slot && frames[other]) add(other, slot);
+      if (other != slot && frames[other]) pairs.push_back(MakePair(frames, rig, other, slot));
     }
+  }
+  return pairs;
+}
+
+/// Cameras with themselves a little later, where the later frames exist.
+std::vector<Pair> PairsInTime(const Frames& frames, const Rig& rig) {
+  std::vector<Pair> pairs;
+  for (std::size_t slot = 0; slot < frames.size(); slot += 2) {
+    if (frames[slot] && frames[slot + 1]) pairs.push_back(MakePair(frames, rig, slot + 1, slot));
   }
   return pairs;
 }
@@ -236,50 +245,47 @@ std::optional<Comparison> MakeComparison(const Frame& other, const Frame& frame,
   return comparison;
 }
 
-/// A camera that shares views with others is judged by those alone: the images of one camera at two
-/// times hardly show a shift that both share.
-void PreferOtherCameras(const std::vector<std::size_t>& camera_of_pair,
-                        std::vector<std::optional<Comparison>>* comparisons) {
-  std::set<std::size_t> sharing;
-  for (std::size_t i = 0; i < comparisons->size(); ++i) {
-    if ((*comparisons)[i] && !(*comparisons)[i]->same_camera) sharing.insert(camera_of_pair[i]);
-  }
-  for (std::size_t i = 0; i < comparisons->size(); ++i) {
-    std::optional<Comparison>& comparison = (*comparisons)[i];
-    if (comparison && comparison->same_camera && sharing.count(camera_of_pair[i]) > 0) {
-      comparison.reset();
-    }
+/// Appends the comparisons of the pairs that share enough points, and those pairs.
+void AddComparisons(const Frames& frames, const std::vector<Pair>& candidates, const Rig& rig,
+                    const MiscalibrationOptions& options, std::vector<Pair>* pairs,
+                    std::vector<Comparison>* comparisons) {
+  std::vector<std::optional<Comparison>> made(candidates.size());
+  tbb::parallel_for(std::size_t{0}, candidates.size(), [&](std::size_t i) {
+    made[i] =
+        MakeComparison(*frames[candidates[i].other], *frames[candidates[i].frame], rig, options);
+  });
+  for (std::size_t i = 0; i < made.size(); ++i) {
+    if (!made[i]) continue;
+    pairs->push_back(candidates[i]);
+    comparisons->push_back(std::move(*made[i]));
   }
 }
 
-/// Smooths what the comparisons need, each image once, and hands it to them.
-BandPassImages AddImages(const std::vector<std::optional<Frame>>& frames,
-                         const std::vector<Pair>& pairs, double smoothing_px,
-                         std::vector<std::optional<Comparison>>* comparisons) {
-  BandPassImages images;
-  for (std::size_t i = 0; i < pairs.size(); ++i) {
-    if (!(*comparisons)[i]) continue;
-    images[{pairs[i].frame, pairs[i].level}];
-    images[{pairs[i].other, pairs[i].other_level}];
+/// Smooths what the comparisons need and no rig before needed, and hands it to them.
+void AddImages(const Frames& frames, const std::vector<Pair>& pairs, double smoothing_px,
+               BandPassImages* images, std::vector<Comparison>* comparisons) {
+  std::vector<BandPassImages::iterator> missing;
+  const auto need = [&](std::size_t frame, int level) {
+    const auto [at, is_new] = images->try_emplace({frames[frame]->image, level});
+    if (is_new) missing.push_back(at);
+  };
+  for (const Pair& pair : pairs) {
+    need(pair.frame, pair.level);
+    need(pair.other, pair.other_level);
   }
-  std::vector<BandPassImages::iterator> slots;
-  for (auto at = images.begin(); at != images.end(); ++at) slots.push_back(at);
-  tbb::parallel_for(std::size_t{0}, slots.size(), [&](std::size_t i) {
-    const auto& [frame, level] = slots[i]->first;
-    slots[i]->second =
-        BandPassImage(*frames[frame]->image, smoothing_px * std::pow(2.0, 0.5 * level));
+  tbb::parallel_for(std::size_t{0}, missing.size(), [&](std::size_t i) {
+    const auto& [image, level] = missing[i]->first;
+    missing[i]->second = BandPassImage(*image, smoothing_px * std::pow(2.0, 0.5 * level));
   });
   for (std::size_t i = 0; i < pairs.size(); ++i) {
-    if (!(*comparisons)[i]) continue;
-    Comparison& comparison = *(*comparisons)[i];
-    comparison.image = &images.at({pairs[i].frame, pairs[i].level});
-    comparison.other_image = &images.at({pairs[i].other, pairs[i].other_level});
+    Comparison& comparison = (*comparisons)[i];
+    comparison.image = &images->at({frames[pairs[i].frame]->image, pairs[i].level});
+    comparison.other_image = &images->at({frames[pairs[i].other]->image, pairs[i].other_level});
     if (comparison.same_camera) continue;
     for (const Eigen::Vector2f& pixel : comparison.other_pixels) {
       comparison.other_values.push_back(comparison.other_image->At(pixel.x(), pixel.y()));
     }
   }
-  return images;
 }
 
 /// Sum over the points of the truncated squared difference, at a scaled pose.
@@ -353,22 +359,24 @@ Normal Linearise(const Comparison& comparison, const Vector6& pose, const Optimu
 
 /// Each camera's best scaled pose over all its pairs with other cameras, within the perturbations'
 /// range. One camera's images at two times do not fix all six axes: there it is the given pose.
-std::vector<Vector6> FindOptima(const std::vector<std::optional<Comparison>>& comparisons,
-                                const std::vector<std::size_t>& camera_of_pair,
-                                std::size_t num_cameras) {
-  std::vector<Vector6> optima(num_cameras, Vector6::Zero());
+std::vector<Vector6> FindOptima(const std::vector<Comparison>& comparisons,
+                                const std::vector<std::vector<std::size_t>>& pairs_of_camera) {
+  std::vector<Vector6> optima(pairs_of_camera.size(), Vector6::Zero());
   for (const OptimumStep& step : kSteps) {
     std::vector<Normal> normals(comparisons.size());
-    tbb::parallel_for(std::size_t{0}, comparisons.size(), [&](std::size_t i) {
-      if (!comparisons[i] || comparisons[i]->same_camera) return;
-      normals[i] = Linearise(*comparisons[i], optima[camera_of_pair[i]], step);
-    });
-    for (std::size_t camera = 0; camera < num_cameras; ++camera) {
-      Normal sum;
-      for (std::size_t i = 0; i < normals.size(); ++i) {
-        if (camera_of_pair[i] != camera) continue;
-        sum.Add(normals[i]);
+    std::vector<std::pair<std::size_t, std::size_t>> tasks;  // camera, comparison
+    for (std::size_t camera = 0; camera < pairs_of_camera.size(); ++camera) {
+      for (const std::size_t i : pairs_of_camera[camera]) {
+        if (!comparisons[i].same_camera) tasks.emplace_back(camera, i);
       }
+    }
+    tbb::parallel_for(std::size_t{0}, tasks.size(), [&](std::size_t t) {
+      const auto& [camera, i] = tasks[t];
+      normals[i] = Linearise(comparisons[i], optima[camera], step);
+    });
+    for (std::size_t camera = 0; camera < pairs_of_camera.size(); ++camera) {
+      Normal sum;
+      for (const std::size_t i : pairs_of_camera[camera]) sum.Add(normals[i]);
       if (sum.count == 0) continue;
       // What the images do not show stays at the calibration: a prior of one range per axis.
       const double variance = sum.square_sum / sum.count;
@@ -381,25 +389,18 @@ std::vector<Vector6> FindOptima(const std::vector<std::optional<Comparison>>& co
   return optima;
 }
 
-/// A camera pair's verdict on every axis, and what it is worth.
-struct PairRates {
-  AxisValues rates = AxisValues::Zero();
-  AxisValues weights = AxisValues::Zero();
-};
-
-PairRates RatePair(const std::vector<std::optional<Comparison>>& comparisons,
-                   const std::vector<std::size_t>& pairs, const Vector6& optimum,
-                   const std::vector<double>& fractions, const MiscalibrationOptions& options) {
+/// Share of the perturbed poses that look better than the given one, axis by axis.
+AxisValues RateCamera(const std::vector<Comparison>& comparisons,
+                      const std::vector<std::size_t>& pairs, const Vector6& optimum,
+                      const std::vector<double>& fractions, const MiscalibrationOptions& options) {
   const auto error_at = [&](const Vector6& pose) {
-    double sum = 0.0;
-    for (const std::size_t i : pairs) sum += PhotometricError(*comparisons[i], pose);
-    return sum;
+    std::vector<double> errors(pairs.size());
+    tbb::parallel_for(std::size_t{0}, pairs.size(), [&](std::size_t i) {
+      errors[i] = PhotometricError(comparisons[pairs[i]], pose);
+    });
+    return std::accumulate(errors.begin(), errors.end(), 0.0);
   };
-  PairRates result;
-  Normal sum;
-  for (const std::size_t i : pairs) sum.Add(Linearise(*comparisons[i], optimum, kFinest));
-  if (sum.count == 0) return result;
-  result.weights = sum.h.diagonal().array() / (sum.square_sum / sum.count + 1e-6);
+  AxisValues rates;
   for (int axis = 0; axis < kNumAxes; ++axis) {
     Vector6 base = options.free_other_axes ? optimum : Vector6(Vector6::Zero());
     base[axis] = 0.0;
@@ -410,26 +411,9 @@ PairRates RatePair(const std::vector<std::optional<Comparison>>& comparisons,
       perturbed[axis] = fractions[static_cast<std::size_t>(axis * options.num_samples + sample)];
       if (error_at(perturbed) < error) ++num_lower;
     }
-    result.rates[axis] = static_cast<double>(num_lower) / options.num_samples;
+    rates[axis] = static_cast<double>(num_lower) / options.num_samples;
   }
-  return result;
-}
-
-/// Those comparisons that exist, by judged camera and the camera compared with.
-std::vector<CameraPair> GroupByCameras(const std::vector<std::optional<Frame>>& frames,
-                                       const std::vector<Pair>& pairs,
-                                       const std::vector<std::optional<Comparison>>& comparisons) {
-  std::map<std::pair<std::size_t, std::size_t>, CameraPair> groups;
-  for (std::size_t i = 0; i < pairs.size(); ++i) {
-    if (!comparisons[i]) continue;
-    const std::size_t camera = frames[pairs[i].frame]->camera;
-    CameraPair& group = groups[{camera, frames[pairs[i].other]->camera}];
-    group.camera = camera;
-    group.pairs.push_back(i);
-  }
-  std::vector<CameraPair> list;
-  for (const auto& [cameras, group] : groups) list.push_back(group);
-  return list;
+  return rates;
 }
 
 std::vector<double> DrawFractions(const MiscalibrationOptions& options) {
@@ -441,6 +425,40 @@ std::vector<double> DrawFractions(const MiscalibrationOptions& options) {
     fractions.push_back(-1.0 + 2.0 * (part + random.Uniform()) / options.num_samples);
   }
   return fractions;
+}
+
+Rates RateRig(const Rig& rig, const SceneMap& map, const RayCaster& caster,
+              const std::vector<const std::map<Timestamp, cv::Mat>*>& images,
+              const MiscalibrationOptions& options, BandPassImages* band_pass) {
+  Rates rates(rig.cameras.size());
+  Frames frames;
+  std::vector<Pair> pairs;
+  std::vector<Comparison> comparisons;
+  AddFrames(rig, map, caster, images, options, std::vector<bool>(rig.cameras.size(), true), false,
+            &frames);
+  AddComparisons(frames, PairsOfCameras(frames, rig), rig, options, &pairs, &comparisons);
+  // A camera that shares views with others is judged by those alone: the images of one camera at
+  // two times hardly show a shift that both share.
+  std::vector<bool> alone(rig.cameras.size(), true);
+  for (const Pair& pair : pairs) alone[frames[pair.frame]->camera] = false;
+  AddFrames(rig, map, caster, images, options, alone, true, &frames);
+  AddComparisons(frames, PairsInTime(frames, rig), rig, options, &pairs, &comparisons);
+
+  std::vector<std::vector<std::size_t>> pairs_of_camera(rig.cameras.size());
+  for (std::size_t i = 0; i < pairs.size(); ++i) {
+    pairs_of_camera[frames[pairs[i].frame]->camera].push_back(i);
+  }
+  AddImages(frames, pairs, options.smoothing_px, band_pass, &comparisons);
+  const std::vector<Vector6> optima = FindOptima(comparisons, pairs_of_camera);
+  const std::vector<double> fractions = DrawFractions(options);
+  for (std::size_t camera = 0; camera < rates.size(); ++camera) {
+    if (pairs_of_camera[camera].empty()) continue;
+    const AxisValues r =
+        RateCamera(comparisons, pairs_of_camera[camera], optima[camera], fractions, options);
+    // Rotations by axis are about right (pitch), down (yaw) and forward (roll).
+    rates[camera] = MiscalibrationRate{r[0], r[1], r[2], r[5], r[3], r[4]};
+  }
+  return rates;
 }
 
 }  // namespace
@@ -475,52 +493,38 @@ MiscalibrationRate PublishedRate(FieldOfView field_of_view) {
   return {0.045, 0.070, 0.066, 0.119, 0.183, 0.126};
 }
 
-Result<std::vector<std::optional<MiscalibrationRate>>> ComputeMiscalibrationRates(
-    const Rig& rig, const SceneMap& map,
+Result<std::vector<Rates>> ComputeMiscalibrationRates(
+    const std::vector<Rig>& rigs, const SceneMap& map,
     const std::vector<const std::map<Timestamp, cv::Mat>*>& images,
     const MiscalibrationOptions& options) {
   SCENECALIB_RETURN_IF_ERROR(CheckOptions(options));
-  if (images.size() != rig.cameras.size()) {
-    return Status::InvalidArgument("miscalibration rate: images of " +
-                                   std::to_string(images.size()) + " cameras for a rig of " +
-                                   std::to_string(rig.cameras.size()));
+  std::vector<Rates> rates;
+  for (const Rig& rig : rigs) {
+    if (images.size() != rig.cameras.size()) {
+      return Status::InvalidArgument("miscalibration rate: images of " +
+                                     std::to_string(images.size()) + " cameras for a rig of " +
+                                     std::to_string(rig.cameras.size()));
+    }
+    rates.emplace_back(rig.cameras.size());
   }
-  std::vector<std::optional<MiscalibrationRate>> rates(rig.cameras.size());
-  if (map.map_from_lidar.empty() || rig.cameras.empty()) return rates;
+  if (map.map_from_lidar.empty()) return rates;
   const Result<RayCaster> caster = RayCaster::Create(map);
   if (!caster.ok()) return rates;  // no surface, hence no point to compare
-  const std::vector<std::optional<Frame>> frames = ChooseFrames(rig, map, *caster, images, options);
-  const std::vector<Pair> pairs = ChoosePairs(frames, rig);
-  std::vector<std::size_t> camera_of_pair;
-  for (const Pair& pair : pairs) camera_of_pair.push_back(frames[pair.frame]->camera);
-  std::vector<std::optional<Comparison>> comparisons(pairs.size());
-  tbb::parallel_for(std::size_t{0}, pairs.size(), [&](std::size_t i) {
-    comparisons[i] = MakeComparison(*frames[pairs[i].other], *frames[pairs[i].frame], rig, options);
-  });
-  PreferOtherCameras(camera_of_pair, &comparisons);
-  const BandPassImages band_pass = AddImages(frames, pairs, options.smoothing_px, &comparisons);
-  const std::vector<Vector6> optima = FindOptima(comparisons, camera_of_pair, rig.cameras.size());
-  const std::vector<double> fractions = DrawFractions(options);
-  const std::vector<CameraPair> camera_pairs = GroupByCameras(frames, pairs, comparisons);
-  std::vector<PairRates> pair_rates(camera_pairs.size());
-  tbb::parallel_for(std::size_t{0}, camera_pairs.size(), [&](std::size_t i) {
-    pair_rates[i] = RatePair(comparisons, camera_pairs[i].pairs, optima[camera_pairs[i].camera],
-                             fractions, options);
-  });
-  for (std::size_t camera = 0; camera < rates.size(); ++camera) {
-    AxisValues sum = AxisValues::Zero();
-    AxisValues weights = AxisValues::Zero();
-    for (std::size_t i = 0; i < camera_pairs.size(); ++i) {
-      if (camera_pairs[i].camera != camera) continue;
-      sum += pair_rates[i].weights * pair_rates[i].rates;
-      weights += pair_rates[i].weights;
-    }
-    if (!(weights > 0.0).all()) continue;
-    const AxisValues mean = sum / weights;
-    // Rotations by axis are about right (pitch), down (yaw) and forward (roll).
-    rates[camera] = MiscalibrationRate{mean[0], mean[1], mean[2], mean[5], mean[3], mean[4]};
+  BandPassImages band_pass;
+  for (std::size_t i = 0; i < rigs.size(); ++i) {
+    rates[i] = RateRig(rigs[i], map, *caster, images, options, &band_pass);
   }
   return rates;
+}
+
+Result<Rates> ComputeMiscalibrationRates(
+    const Rig& rig, const SceneMap& map,
+    const std::vector<const std::map<Timestamp, cv::Mat>*>& images,
+    const MiscalibrationOptions& options) {
+  const Result<std::vector<Rates>> rates =
+      ComputeMiscalibrationRates(std::vector<Rig>{rig}, map, images, options);
+  if (!rates.ok()) return rates.status();
+  return rates->front();
 }
 
 }  // namespace scenecalib

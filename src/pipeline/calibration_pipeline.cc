@@ -216,13 +216,11 @@ Status AddMiscalibrationRates(const Rig& initial, const SceneMap& map,
   if (options.num_times == 0) return Status::Ok();
   std::vector<const std::map<Timestamp, cv::Mat>*> images;
   for (const CameraSegment& segment : segments) images.push_back(&segment.images);
-  const auto before = ComputeMiscalibrationRates(initial, map, images, options);
-  if (!before.ok()) return before.status();
-  const auto after = ComputeMiscalibrationRates(result->rig, map, images, options);
-  if (!after.ok()) return after.status();
+  const auto rates = ComputeMiscalibrationRates({initial, result->rig}, map, images, options);
+  if (!rates.ok()) return rates.status();
   for (std::size_t i = 0; i < result->cameras.size(); ++i) {
-    result->cameras[i].miscalibration_rate_before = (*before)[i];
-    result->cameras[i].miscalibration_rate_after = (*after)[i];
+    result->cameras[i].miscalibration_rate_before = (*rates)[0][i];
+    result->cameras[i].miscalibration_rate_after = (*rates)[1][i];
   }
   return Status::Ok();
 }

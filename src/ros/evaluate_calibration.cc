@@ -21,13 +21,12 @@ Result<int> Evaluate(const RecordingArguments& arguments) {
   for (const CameraSegment& segment : recording->prepared.segments) {
     images.push_back(&segment.images);
   }
+  const auto rates = ComputeMiscalibrationRates(recording->rigs, recording->prepared.mapping.map,
+                                                images, recording->options.miscalibration);
+  if (!rates.ok()) return rates.status();
   std::vector<RatedRig> rated;
   for (std::size_t i = 0; i < recording->rigs.size(); ++i) {
-    const auto rates =
-        ComputeMiscalibrationRates(recording->rigs[i], recording->prepared.mapping.map, images,
-                                   recording->options.miscalibration);
-    if (!rates.ok()) return rates.status();
-    rated.push_back({arguments.rigs[i], *rates});
+    rated.push_back({arguments.rigs[i], (*rates)[i]});
   }
   const std::vector<CameraConfig>& cameras = recording->rigs.front().cameras;
   std::printf("\n%s", FormatRateTable(cameras, rated).c_str());

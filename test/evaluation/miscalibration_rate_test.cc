@@ -30,6 +30,7 @@ class MiscalibrationRates : public ::testing::Test {
     }
     options_.num_times = 4;
     options_.num_samples = 30;
+    options_.max_points = 3000;  // of four times where a recording has twenty
   }
 
   void AddQuad(const Eigen::Vector3d& corner_m, const Eigen::Vector3d& u,

@@ -17,11 +17,11 @@ struct MiscalibrationOptions {
   double max_translation_m = 0.02;
   double max_rotation_deg = 0.2;
   int num_samples = 60;
-  int num_times = 10;
+  int num_times = 20;
   double pair_separation_s = 0.5;
   double max_stamp_difference_s = 0.1;
   int min_points = 200;
-  int max_points = 3000;
+  int max_points = 1500;
   double smoothing_px = 0.9;
   bool free_other_axes = true;
   int seed = 1;
@@ -68,14 +68,19 @@ MiscalibrationRate PublishedRate(FieldOfView field_of_view);
 /// - points lie on the map's surfaces, well away from edges, and are seen by both cameras;
 /// - likeness is the truncated square difference of band-passed, contrast-normalised images;
 /// - an axis is judged with the other five at the camera's own optimum (`free_other_axes`);
-/// - the frames of two cameras at all times are judged together, and pairs of cameras count by what
-///   they know of an axis.
+/// - all pairs of a camera are judged together, instead of an average over pairs.
 ///
 /// `images` (CV_8UC1, by the camera's own stamps) is parallel to rig.cameras. A camera for which no
 /// pair shares enough points has no rate. InvalidArgument for options out of range or lists of
 /// different lengths. The same for any number of threads.
 Result<std::vector<std::optional<MiscalibrationRate>>> ComputeMiscalibrationRates(
     const Rig& rig, const SceneMap& map,
+    const std::vector<const std::map<Timestamp, cv::Mat>*>& images,
+    const MiscalibrationOptions& options);
+
+/// The same for several rigs, parallel to them: quicker, because the images are prepared once.
+Result<std::vector<std::vector<std::optional<MiscalibrationRate>>>> ComputeMiscalibrationRates(
+    const std::vector<Rig>& rigs, const SceneMap& map,
     const std::vector<const std::map<Timestamp, cv::Mat>*>& images,
     const MiscalibrationOptions& options);
 
