@@ -170,6 +170,10 @@ int main(int argc, char** argv) {
   app.add_option("--rig", arguments.drive.rig, "rig file (default: the built-in rig)");
   app.add_option("--drive", arguments.drive.drive, "turns, gentle or straight");
   app.add_option("--duration", arguments.drive.duration_s, "seconds");
+  app.add_option("--speed", arguments.drive.speed_m_s, "m/s");
+  app.add_option("--rings", arguments.drive.rings, "of the lidar");
+  app.add_option("--columns", arguments.drive.columns, "of the lidar");
+  app.add_option("--moving-cars", arguments.drive.num_moving_cars, "other cars that drive");
   app.add_option("--start-deg", arguments.drive.start.rotation_deg, "initial error per axis");
   app.add_option("--start-m", arguments.drive.start.translation_m, "initial error per axis");
   app.add_option("--config", arguments.config, "options of the pipeline, YAML");

@@ -5,11 +5,15 @@
 #include <Eigen/SparseCore>
 #include <algorithm>
 #include <cmath>
+#include <initializer_list>
 #include <map>
 #include <optional>
+#include <utility>
+#include <vector>
 
 #include "problem_assembly.h"
 #include "scenecalib/calibration/calibration_problem.h"
+#include "term_group.h"
 
 namespace scenecalib {
 namespace {
@@ -90,6 +94,53 @@ std::optional<DataEquations> SumOfGroups(const AssembledProblem& assembled,
   return sum;
 }
 
+/// What one piece of surface says: J^T W r of the terms on it, at the columns that they depend on.
+struct SurfaceScore {
+  std::vector<Eigen::Index> columns;
+  Eigen::VectorXd gradient;
+};
+
+std::vector<SurfaceScore> ScoresOfSurfaces(
+    const CalibrationProblem& p, const std::map<const double*, Eigen::Index>& first_columns) {
+  std::vector<SurfaceScore> scores;
+  for (const auto& group : GroupTermsBySurface(p)) {
+    GroupEquations equations;
+    if (!group->Evaluate(group->blocks().data(), true, &equations)) continue;
+    SurfaceScore score;
+    for (std::size_t b = 0; b < group->blocks().size(); ++b) {
+      for (int k = 0; k < group->block_sizes()[b]; ++k) {
+        score.columns.push_back(first_columns.at(group->blocks()[b]) + k);
+      }
+    }
+    score.gradient = std::move(equations.gradient);
+    scores.push_back(std::move(score));
+  }
+  return scores;
+}
+
+/// Few clusters say too little of their own spread.
+double FewClusters(Eigen::Index num_clusters) {
+  const auto n = static_cast<double>(num_clusters);
+  return num_clusters > 1 ? n / (n - 1.0) : 1.0;
+}
+
+/// Spread of a camera's parameters over the pieces of surface; `inverse` has the parameters'
+/// columns of H^-1.
+CameraMatrix SpreadOverSurfaces(const std::vector<SurfaceScore>& scores,
+                                const Eigen::MatrixXd& inverse) {
+  CameraMatrix spread = CameraMatrix::Zero();
+  for (const SurfaceScore& score : scores) {
+    Eigen::Matrix<double, kNumCameraParameters, 1> influence;
+    influence.setZero();
+    for (std::size_t i = 0; i < score.columns.size(); ++i) {
+      influence +=
+          score.gradient[static_cast<Eigen::Index>(i)] * inverse.row(score.columns[i]).transpose();
+    }
+    spread += influence * influence.transpose();
+  }
+  return FewClusters(static_cast<Eigen::Index>(scores.size())) * spread;
+}
+
 /// The priors' Jacobian as the errors of the prior spread: those of the intrinsics are
 /// `intrinsics_weight` times as large as the solve took them to be.
 SparseMatrix SpreadOfPriors(const CalibrationProblem& p, SparseMatrix prior,
@@ -108,18 +159,23 @@ SparseMatrix SpreadOfPriors(const CalibrationProblem& p, SparseMatrix prior,
   return prior;
 }
 
-/// Standard deviations by the larger of two covariances, parameter by parameter, and the
+/// Standard deviations by the largest of the covariances, parameter by parameter, and the
 /// correlation of their sum.
-CameraStddev StddevOf(const CameraMatrix& formal, const CameraMatrix& sandwich) {
+CameraStddev StddevOf(std::initializer_list<CameraMatrix> covariances) {
   using Vector = Eigen::Matrix<double, kNumCameraParameters, 1>;
-  const Vector sigma = formal.diagonal().cwiseMax(sandwich.diagonal()).cwiseMax(0.0).cwiseSqrt();
+  CameraMatrix sum = CameraMatrix::Zero();
+  Vector variance = Vector::Zero();
+  for (const CameraMatrix& covariance : covariances) {
+    sum += covariance;
+    variance = variance.cwiseMax(covariance.diagonal());
+  }
+  const Vector sigma = variance.cwiseSqrt();
   CameraStddev stddev;
   stddev.translation_m = sigma.head<3>();
   stddev.rotation_rad = sigma.segment<3>(3);
   stddev.focal_scale = sigma[6];
   stddev.principal_point_px = sigma.segment<2>(7);
   stddev.time_offset_s = sigma[9];
-  const CameraMatrix sum = formal + sandwich;
   const Vector scale = sum.diagonal().unaryExpr(
       [](double variance) { return variance > 0.0 ? 1.0 / std::sqrt(variance) : 0.0; });
   stddev.correlation = scale.asDiagonal() * sum * scale.asDiagonal();
@@ -143,9 +199,10 @@ Result<std::vector<CameraStddev>> CalibrationProblem::EstimateStddev() const {
   if (factor.info() != Eigen::Success) {
     return Status::NumericalFailure("the normal equations are singular");
   }
-  // Sandwich H^-1 (sum_b g_b g_b^T + Q^T Q) H^-1: the spread of the scores over seconds, and of the
-  // priors.
+  // Sandwiches H^-1 (sum_b g_b g_b^T + Q^T Q) H^-1: the spread of the scores over seconds or over
+  // pieces of surface, and of the priors.
   const Eigen::MatrixXd influence = factor.solve(data->scores);
+  const std::vector<SurfaceScore> surface_scores = ScoresOfSurfaces(*this, first_columns);
   const SparseMatrix prior_spread = SpreadOfPriors(*this, prior, first_columns);
 
   std::vector<CameraStddev> result(cameras->size());
@@ -167,10 +224,13 @@ Result<std::vector<CameraStddev>> CalibrationProblem::EstimateStddev() const {
     const Eigen::MatrixXd inverse = factor.solve(pick);
     const Eigen::MatrixXd spread = pick.transpose() * influence;
     const Eigen::MatrixXd prior_share = prior_spread * inverse;
+    const CameraMatrix of_prior = prior_share.transpose() * prior_share;
     const CameraMatrix formal = kCommonErrors * pick.transpose() * inverse;
-    const CameraMatrix sandwich =
-        kCommonErrors * spread * spread.transpose() + prior_share.transpose() * prior_share;
-    result[c] = StddevOf(formal, sandwich);
+    const CameraMatrix over_seconds =
+        kCommonErrors * FewClusters(spread.cols()) * spread * spread.transpose() + of_prior;
+    const CameraMatrix over_surfaces =
+        kCommonErrors * SpreadOverSurfaces(surface_scores, inverse) + of_prior;
+    result[c] = StddevOf({formal, over_seconds, over_surfaces});
   }
   return result;
 }

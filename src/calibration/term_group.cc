@@ -4,6 +4,7 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <functional>
 #include <map>
@@ -15,6 +16,8 @@ namespace scenecalib {
 namespace {
 
 constexpr Timestamp kSecond_ns = 1000000000;
+/// Edge of the pieces of surface whose errors are taken as independent.
+constexpr double kSurfacePiece_m = 4.0;
 /// Terms of a group that one thread sums up: a fixed share, so that the sum has a fixed order.
 constexpr std::size_t kMinTermsPerSlice = 1000;
 constexpr std::size_t kMaxSlices = 8;
@@ -25,6 +28,23 @@ constexpr double kMinPivotShare = 1e-14;
 int SourceSecond(const TransferTerm& term, const CalibrationProblem& problem) {
   if (!problem.free.correction) return 0;
   return static_cast<int>(term.source_place.index * problem.correction->knot_spacing_s());
+}
+
+/// One group for every value of a key, in its order.
+template <typename KeyOf>
+std::vector<std::unique_ptr<TermGroup>> GroupTermsBy(const CalibrationProblem& problem,
+                                                     const KeyOf& key_of) {
+  std::map<decltype(key_of(problem.terms[0])), std::vector<int>> by_key;
+  for (std::size_t i = 0; i < problem.terms.size(); ++i) {
+    by_key[key_of(problem.terms[i])].push_back(static_cast<int>(i));
+  }
+  std::vector<const std::vector<int>*> terms;
+  for (const auto& entry : by_key) terms.push_back(&entry.second);
+  std::vector<std::unique_ptr<TermGroup>> groups(terms.size());
+  tbb::parallel_for(std::size_t{0}, groups.size(), [&](std::size_t g) {
+    groups[g] = std::make_unique<TermGroup>(problem, *terms[g]);
+  });
+  return groups;
 }
 
 }  // namespace
@@ -242,20 +262,20 @@ bool TermGroup::Evaluate(double const* const* values, bool with_derivatives,
 }
 
 std::vector<std::unique_ptr<TermGroup>> GroupTerms(const CalibrationProblem& problem) {
-  std::map<std::pair<Timestamp, int>, std::vector<int>> by_seconds;
-  for (std::size_t i = 0; i < problem.terms.size(); ++i) {
-    const TransferTerm& term = problem.terms[i];
-    by_seconds[{term.target_stamp_ns / kSecond_ns, SourceSecond(term, problem)}].push_back(
-        static_cast<int>(i));
-  }
-  std::vector<std::unique_ptr<TermGroup>> groups;
-  groups.resize(by_seconds.size());
-  std::vector<const std::vector<int>*> terms;
-  for (const auto& entry : by_seconds) terms.push_back(&entry.second);
-  tbb::parallel_for(std::size_t{0}, groups.size(), [&](std::size_t g) {
-    groups[g] = std::make_unique<TermGroup>(problem, *terms[g]);
+  return GroupTermsBy(problem, [&problem](const TransferTerm& term) {
+    return std::make_pair(term.target_stamp_ns / kSecond_ns, SourceSecond(term, problem));
   });
-  return groups;
+}
+
+std::vector<std::unique_ptr<TermGroup>> GroupTermsBySurface(const CalibrationProblem& problem) {
+  return GroupTermsBy(problem, [](const TransferTerm& term) {
+    int axis = 0;
+    term.plane_normal_in_map.cwiseAbs().maxCoeff(&axis);
+    const Eigen::Vector3i cube =
+        (term.plane_point_in_map_m / kSurfacePiece_m).array().floor().cast<int>();
+    return std::array<int, 4>{cube.x(), cube.y(), cube.z(),
+                              term.plane_normal_in_map[axis] > 0.0 ? axis : axis + 3};
+  });
 }
 
 TermGroupCost::TermGroupCost(const TermGroup* group) : group_(group) {

@@ -79,6 +79,8 @@ class TermGroup {
 
 /// The terms of a problem by seconds.
 std::vector<std::unique_ptr<TermGroup>> GroupTerms(const CalibrationProblem& problem);
+/// The same by pieces of surface: cubes of a few metres, by the side that the surface faces.
+std::vector<std::unique_ptr<TermGroup>> GroupTermsBySurface(const CalibrationProblem& problem);
 
 /// A group as Ceres sees it. Of n parameters there are n residuals e = L^-1 g with the Jacobian
 /// L^T, where L L^T is the information matrix, and one more that brings the sum of squares to the
