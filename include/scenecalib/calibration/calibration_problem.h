@@ -94,9 +94,10 @@ struct CalibrationProblem {
   /// NumericalFailure when the solver breaks down; the parameters are then as before.
   Result<SolveEvidence> Solve();
 
-  /// Standard deviations of every camera at the present parameters, parallel to cameras. The larger
-  /// of the formal covariance and of a sandwich estimate over seconds of time, which sees errors
-  /// that the terms of one stretch of road share. What the data does not show has its prior's.
+  /// Standard deviations of every camera at the present parameters, parallel to cameras: the
+  /// largest of the formal covariance and of two sandwich estimates, over seconds of time and over
+  /// pieces of surface, which see errors that the terms of one stretch of road or of one wall
+  /// share. What the data does not show has its prior's (docs/math.md, section 6).
   Result<std::vector<CameraStddev>> EstimateStddev() const;
 };
 
