@@ -22,7 +22,8 @@ namespace {
 constexpr double kDegrees = 180.0 / M_PI;
 
 struct Arguments {
-  std::vector<std::string> worlds = {"street", "suburb", "plaza"};
+  std::vector<std::string> worlds = {"street",     "suburb", "plaza",
+                                     "industrial", "avenue", "village"};
   std::vector<int> seeds = {1};
   DriveSpec drive;
   std::string config;
@@ -165,7 +166,7 @@ Status Run(const DriveSpec& spec, const Arguments& arguments) {
 int main(int argc, char** argv) {
   CLI::App app("Accuracy of the calibration on simulated drives.");
   scenecalib::Arguments arguments;
-  app.add_option("--world", arguments.worlds, "street, suburb, plaza");
+  app.add_option("--world", arguments.worlds, scenecalib::KnownWorldKinds());
   app.add_option("--seed", arguments.seeds, "of the worlds and drives");
   app.add_option("--rig", arguments.drive.rig, "rig file (default: the built-in rig)");
   app.add_option("--drive", arguments.drive.drive, "turns, gentle or straight");

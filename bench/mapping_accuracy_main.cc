@@ -90,7 +90,7 @@ Status Run(const DriveSpec& spec) {
 int main(int argc, char** argv) {
   CLI::App app("Accuracy of the mapping on simulated drives.");
   scenecalib::Arguments arguments;
-  app.add_option("--world", arguments.worlds, "street, suburb, plaza");
+  app.add_option("--world", arguments.worlds, scenecalib::KnownWorldKinds());
   app.add_option("--seed", arguments.seeds, "of the worlds and drives");
   app.add_option("--drive", arguments.drive.drive, "turns, gentle or straight");
   app.add_option("--duration", arguments.drive.duration_s, "seconds");

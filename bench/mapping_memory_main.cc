@@ -111,7 +111,7 @@ int main(int argc, char** argv) {
   spec.speed_m_s = 10.0;
   spec.drive = "gentle";
   bool no_imu = false;
-  app.add_option("--world", spec.world, "street, suburb or plaza");
+  app.add_option("--world", spec.world, scenecalib::KnownWorldKinds());
   app.add_option("--seed", spec.seed, "of the world and drive");
   app.add_option("--drive", spec.drive, "turns, gentle or straight");
   app.add_option("--duration", spec.duration_s, "seconds; ten scans each");

@@ -9,6 +9,7 @@
 
 #include "bench/simulated_drive.h"
 #include "scenecalib/evaluation/rate_table.h"
+#include "scenecalib/evaluation/rig_comparison.h"
 #include "scenecalib/geometry/so3.h"
 #include "scenecalib/pipeline/calibration_pipeline.h"
 
@@ -16,7 +17,8 @@ namespace scenecalib {
 namespace {
 
 struct Arguments {
-  std::vector<std::string> worlds = {"street", "suburb", "plaza"};
+  std::vector<std::string> worlds = {"street",     "suburb", "plaza",
+                                     "industrial", "avenue", "village"};
   std::vector<int> seeds = {1};
   DriveSpec drive;
   bool perturb = false;
@@ -84,6 +86,22 @@ Status Perturb(const Rig& truth, const Rates& of_truth, const PipelineResult& re
   return Status::Ok();
 }
 
+Status PrintErrors(const Rig& truth, const CalibrationResult& result) {
+  const auto errors = CompareRigs(truth, result.rig);
+  if (!errors.ok()) return errors.status();
+  for (std::size_t c = 0; c < errors->size(); ++c) {
+    const CameraError& error = (*errors)[c];
+    std::printf("%-10s %s %.4f deg  %5.2f mm  %.3f px\n", error.name.c_str(),
+                result.cameras[c].accepted ? "accepted" : "REFUSED ",
+                180.0 / M_PI * error.rotation_rad.norm(), 1e3 * error.translation_m.norm(),
+                error.reprojection_rms_px);
+    for (const std::string& reason : result.cameras[c].reasons) {
+      std::printf("           %s\n", reason.c_str());
+    }
+  }
+  return Status::Ok();
+}
+
 Status Measure(const Arguments& arguments, const DriveSpec& spec) {
   const Result<SimulatedDrive> drive = SimulatedDrive::Create(spec);
   if (!drive.ok()) return drive.status();
@@ -103,6 +121,7 @@ Status Measure(const Arguments& arguments, const DriveSpec& spec) {
               FormatRateTable(drive->rig().cameras,
                               {{"truth", of_truth->front()}, {"result", after}, {"start", before}})
                   .c_str());
+  SCENECALIB_RETURN_IF_ERROR(PrintErrors(drive->rig(), result->calibration.result));
   std::fflush(stdout);
   return arguments.perturb ? Perturb(drive->rig(), of_truth->front(), *result) : Status::Ok();
 }
@@ -113,7 +132,7 @@ Status Measure(const Arguments& arguments, const DriveSpec& spec) {
 int main(int argc, char** argv) {
   CLI::App app("Miscalibration rates on simulated drives.");
   scenecalib::Arguments arguments;
-  app.add_option("--world", arguments.worlds, "street, suburb, plaza");
+  app.add_option("--world", arguments.worlds, scenecalib::KnownWorldKinds());
   app.add_option("--seed", arguments.seeds, "of the worlds and drives");
   app.add_option("--rig", arguments.drive.rig, "rig file (default: the built-in rig)");
   app.add_option("--duration", arguments.drive.duration_s, "seconds");

@@ -115,7 +115,7 @@ Status Run(const DriveSpec& spec) {
 int main(int argc, char** argv) {
   CLI::App app("Accuracy of the removal of moving objects on simulated drives.");
   scenecalib::Arguments arguments;
-  app.add_option("--world", arguments.worlds, "street, suburb, plaza");
+  app.add_option("--world", arguments.worlds, scenecalib::KnownWorldKinds());
   app.add_option("--seed", arguments.seeds, "of the worlds and drives");
   app.add_option("--cars", arguments.num_moving_cars, "how many other cars drive");
   app.add_option("--drive", arguments.drive.drive, "turns, gentle or straight");

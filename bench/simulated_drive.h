@@ -6,6 +6,7 @@
 #include "scenecalib/base/status.h"
 #include "scenecalib/sensor/measurements.h"
 #include "scenecalib/simulation/simulator.h"
+#include "scenecalib/simulation/world.h"
 
 namespace scenecalib {
 

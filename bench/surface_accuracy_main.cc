@@ -347,7 +347,7 @@ Status Run(const Arguments& arguments, std::ofstream* csv) {
 int main(int argc, char** argv) {
   CLI::App app("Accuracy of ground and surfels on simulated drives.");
   scenecalib::Arguments arguments;
-  app.add_option("--world", arguments.worlds, "street, suburb, plaza");
+  app.add_option("--world", arguments.worlds, scenecalib::KnownWorldKinds());
   app.add_option("--seed", arguments.seeds, "of the worlds and drives");
   app.add_option("--drive", arguments.drive.drive, "turns, gentle or straight");
   app.add_option("--duration", arguments.drive.duration_s, "seconds");

@@ -18,6 +18,7 @@
 #include "scenecalib/io/options_yaml.h"
 #include "scenecalib/sensor/camera_factory.h"
 #include "scenecalib/simulation/simulator.h"
+#include "scenecalib/simulation/world.h"
 #include "scenecalib/tracking/camera_tracker.h"
 
 namespace scenecalib {
@@ -238,7 +239,7 @@ int main(int argc, char** argv) {
   simulation.duration_s = 4.0;
   simulation.camera.color = false;
   app.add_option("--camera", arguments.cameras, "narrow, front, left, fisheye");
-  app.add_option("--world", simulation.world.kind, "street, suburb, plaza");
+  app.add_option("--world", simulation.world.kind, scenecalib::KnownWorldKinds());
   app.add_option("--drive", simulation.drive.kind, "turns, gentle or straight");
   app.add_option("--seed", simulation.seed, "of the world and drive");
   app.add_option("--duration", simulation.duration_s, "seconds");

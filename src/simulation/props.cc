@@ -61,8 +61,8 @@ void AddBlob(const Eigen::Vector3d& middle, double radius_m, std::uint32_t surfa
 
 }  // namespace
 
-void AddTree(const Eigen::Vector3d& foot, double height_m, std::uint32_t object_id, Random random,
-             Mesh* mesh, Mesh* shadow_mesh) {
+void AddTree(const Eigen::Vector3d& foot, double height_m, int leaves_per_cluster,
+             std::uint32_t object_id, Random random, Mesh* mesh, Mesh* shadow_mesh) {
   const std::uint32_t bark =
       NewSurface(mesh, &random, object_id, Material::kBark, {0.16F, 0.2F, 0.25F});
   const auto green = static_cast<float>(random.Uniform(0.8, 1.3));
@@ -86,7 +86,7 @@ void AddTree(const Eigen::Vector3d& foot, double height_m, std::uint32_t object_
     mesh->AddTube(fork, middle, 0.35 * radius_m, 0.1 * radius_m, 5, bark);
     const double cluster_m = random.Uniform(0.22, 0.34) * crown_m + 0.3;
     AddBlob(middle, 0.85 * cluster_m, 0, shadow_mesh);
-    for (int k = 0; k < 110; ++k, ++leaf) {
+    for (int k = 0; k < leaves_per_cluster; ++k, ++leaf) {
       // Denser outside, as light has it.
       Eigen::Vector3d at = RandomInBall(&random);
       at *= std::pow(at.norm() + 1e-9, -0.4);

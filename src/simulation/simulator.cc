@@ -41,11 +41,7 @@ enum Stream : std::uint64_t {
 
 Status CheckInputs(const Rig& rig, const SimulationOptions& options) {
   SCENECALIB_RETURN_IF_ERROR(CheckOptions(options));
-  const std::string& world = options.world.kind;
-  if (world != "street" && world != "suburb" && world != "plaza") {
-    return Status::InvalidArgument("world.kind is '" + world +
-                                   "'; known are street, suburb and plaza");
-  }
+  SCENECALIB_RETURN_IF_ERROR(CheckWorldKind(options.world.kind));
   const std::string& drive = options.drive.kind;
   if (drive != "turns" && drive != "gentle" && drive != "straight") {
     return Status::InvalidArgument("drive.kind is '" + drive +

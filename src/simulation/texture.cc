@@ -258,6 +258,14 @@ Eigen::Vector3f EvaluateTexture(const Surface& surface, const Eigen::Vector2f& u
       const float gap = FilteredPulses(uv.x(), 1.1F, 0.012F, footprint.x());
       return with_detail({0.9F, 7, 0.09F}, 1.0F - 0.8F * gap);
     }
+    case Material::kSheet: {
+      const float rib = FilteredPulses(uv.x(), 0.3F, 0.12F, footprint.x());
+      const float seam = FilteredPulses(uv.y(), 3.1F, 0.015F, footprint.y());
+      return with_detail({1.2F, 8, 0.1F}, (1.0F - 0.25F * rib) * (1.0F - 0.5F * seam));
+    }
+    case Material::kFieldStone:
+      return with_detail(kFineDetail,
+                         Cells(uv, footprint, seed, {0.34F, 0.21F, 0.03F, 0.45F, 0.55F}));
     case Material::kLeaves:
       return Leaves(surface, uv, footprint);
     case Material::kWindow:

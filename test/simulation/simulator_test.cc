@@ -81,7 +81,7 @@ TEST(Simulator, GivesAnotherRecordingForAnotherSeed) {
 
 TEST(Simulator, MakesEveryWorldAndDrive) {
   const Rig rig = SmallRig(64);
-  for (const char* world : {"street", "suburb", "plaza"}) {
+  for (const char* world : {"street", "suburb", "plaza", "industrial", "avenue", "village"}) {
     for (const char* drive : {"turns", "gentle", "straight"}) {
       SimulationOptions options = SmallOptions();
       options.world.kind = world;

@@ -10,22 +10,24 @@ namespace scenecalib {
 
 /// What a surface is made of; decides its texture.
 enum class Material {
-  kAsphalt,    ///< with markings; u along the road, v across it
-  kPaving,     ///< slabs of a sidewalk
-  kCobbles,    ///< the plaza's ground
-  kStone,      ///< kerbs, plinths, columns
-  kPlaster,    ///< facades
-  kBrick,      ///< facades, walls
-  kRoof,       ///< tiles
-  kWindow,     ///< glass in a frame; uv from the pane's corner, size in `extent`
-  kDoor,       ///< panels; uv as kWindow
-  kSign,       ///< glyphs on a plate; uv as kWindow
-  kBark,       ///< tree trunks
-  kLeaves,     ///< leaves, each with its own shade
-  kGrass,      ///< lawns and hedges
-  kMetal,      ///< poles, railings, wheels
-  kCarPaint,   ///< with panel gaps
-  kDarkGlass,  ///< car windows
+  kAsphalt,     ///< with markings; u along the road, v across it
+  kPaving,      ///< slabs of a sidewalk
+  kCobbles,     ///< the plaza's ground
+  kStone,       ///< kerbs, plinths, columns
+  kPlaster,     ///< facades
+  kBrick,       ///< facades, walls
+  kRoof,        ///< tiles
+  kWindow,      ///< glass in a frame; uv from the pane's corner, size in `extent`
+  kDoor,        ///< panels; uv as kWindow
+  kSign,        ///< glyphs on a plate; uv as kWindow
+  kBark,        ///< tree trunks
+  kLeaves,      ///< leaves, each with its own shade
+  kGrass,       ///< lawns and hedges
+  kMetal,       ///< poles, railings, wheels
+  kCarPaint,    ///< with panel gaps
+  kDarkGlass,   ///< car windows
+  kSheet,       ///< corrugated metal: halls, containers; ribs run along v
+  kFieldStone,  ///< walls of rough stones in joints
 };
 
 /// Appearance that many triangles share.

@@ -7,10 +7,11 @@
 
 namespace scenecalib {
 
-/// A tree: bent trunk, and clusters of single leaves (triangles of a few decimetres). The crown is
-/// also added to `shadow_mesh`, as blobs: the shadows of single leaves would only be noise.
-void AddTree(const Eigen::Vector3d& foot_in_map_m, double height_m, std::uint32_t object_id,
-             Random random, Mesh* mesh, Mesh* shadow_mesh);
+/// A tree: bent trunk, and 9 to 13 clusters of single leaves (triangles of a few decimetres). The
+/// crown is also added to `shadow_mesh`, as blobs: the shadows of single leaves would only be
+/// noise.
+void AddTree(const Eigen::Vector3d& foot_in_map_m, double height_m, int leaves_per_cluster,
+             std::uint32_t object_id, Random random, Mesh* mesh, Mesh* shadow_mesh);
 
 /// A street lamp or a traffic sign; `road_from_here` is the horizontal direction to the road.
 void AddLamp(const Eigen::Vector3d& foot_in_map_m, const Eigen::Vector3d& towards_road,

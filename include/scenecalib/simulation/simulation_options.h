@@ -13,9 +13,12 @@ struct SimulatedWorldOptions {
   bool shadows = true;
 
   void Visit(OptionVisitor& v) {
-    v.Field("kind", &kind,
-            "street (a canyon of facades), suburb (detached houses, gardens, hedges) or plaza (a "
-            "wide paved space with kiosks and columns)");
+    v.Field(
+        "kind", &kind,
+        "street (a canyon of facades), suburb (detached houses, gardens, hedges), plaza (a wide "
+        "paved space with kiosks and columns), industrial (yards, containers, fences, large "
+        "plain halls), avenue (rows of high trees, parked cars, houses far back) or village (a "
+        "narrow road between low houses and stone walls)");
     v.Field("num_moving_cars", &num_moving_cars, {0, 20},
             "other cars that drive, with and against");
     v.Field("shadows", &shadows, "the sun casts shadows (costs a second ray per pixel)");

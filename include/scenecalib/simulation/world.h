@@ -1,9 +1,11 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <string>
 #include <vector>
 
 #include "scenecalib/base/random.h"
+#include "scenecalib/base/status.h"
 #include "scenecalib/simulation/mesh.h"
 #include "scenecalib/simulation/road_curve.h"
 #include "scenecalib/simulation/simulation_options.h"
@@ -28,8 +30,14 @@ struct World {
   Eigen::Vector3d towards_sun = Eigen::Vector3d::UnitZ();
 };
 
-/// Sharpest corner (metres) that a world has room for.
-double CornerRadius(const std::string& world_kind);
+/// The kinds of world for a person: "street, suburb, ... and village".
+std::string KnownWorldKinds();
+
+/// InvalidArgument for an unknown kind; the message names the known ones.
+Status CheckWorldKind(const std::string& kind);
+
+/// Sharpest corner (metres) that a world of a valid kind has room for.
+double CornerRadius(const std::string& kind);
 
 /// Builds the world along the road. `options.kind` is known to be valid.
 World BuildWorld(const SimulatedWorldOptions& options, const RoadCurve& road, double mean_speed_m_s,
