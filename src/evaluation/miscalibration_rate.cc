@@ -6,8 +6,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <iterator>
-#include <numeric>
 #include <utility>
 
 #include "band_pass.h"
@@ -288,24 +288,34 @@ void AddImages(const Frames& frames, const std::vector<Pair>& pairs, double smoo
   }
 }
 
-/// Sum over the points of the truncated squared difference, at a scaled pose.
-double PhotometricError(const Comparison& comparison, const Vector6& pose) {
-  const Eigen::Matrix<float, kNumAxes, 1> p = pose.cast<float>();
-  double sum = 0.0;
+/// Sums over the points of the truncated squared difference, for each value of one axis of a scaled
+/// pose. Point by point, because the values move it by few pixels.
+std::vector<double> PhotometricErrors(const Comparison& comparison, const Vector6& pose, int axis,
+                                      const std::vector<float>& values) {
+  Eigen::Matrix<float, kNumAxes, 1> p = pose.cast<float>();
+  p[axis] = 0.0F;
+  constexpr auto kMaxSquare = static_cast<float>(kMaxDifference * kMaxDifference);
+  std::vector<double> sums(values.size(), 0.0);
   for (std::size_t i = 0; i < comparison.pixels.size(); ++i) {
     const Eigen::Vector2f pixel = comparison.pixels[i] + comparison.pixels_by_pose[i] * p;
-    float other_value = 0.0F;
+    const Eigen::Vector2f by_value = comparison.pixels_by_pose[i].col(axis);
+    Eigen::Vector2f other_pixel = comparison.other_pixels[i];
+    Eigen::Vector2f other_by_value = Eigen::Vector2f::Zero();
     if (comparison.same_camera) {
-      const Eigen::Vector2f other_pixel =
-          comparison.other_pixels[i] + comparison.other_pixels_by_pose[i] * p;
-      other_value = comparison.other_image->At(other_pixel.x(), other_pixel.y());
-    } else {
-      other_value = comparison.other_values[i];
+      other_pixel += comparison.other_pixels_by_pose[i] * p;
+      other_by_value = comparison.other_pixels_by_pose[i].col(axis);
     }
-    const double difference = comparison.image->At(pixel.x(), pixel.y()) - other_value;
-    sum += std::min(difference * difference, kMaxDifference * kMaxDifference);
+    for (std::size_t k = 0; k < values.size(); ++k) {
+      const Eigen::Vector2f moved = pixel + values[k] * by_value;
+      const Eigen::Vector2f other_moved = other_pixel + values[k] * other_by_value;
+      const float other_value = comparison.same_camera
+                                    ? comparison.other_image->At(other_moved.x(), other_moved.y())
+                                    : comparison.other_values[i];
+      const float difference = comparison.image->At(moved.x(), moved.y()) - other_value;
+      sums[k] += std::min(difference * difference, kMaxSquare);
+    }
   }
-  return sum;
+  return sums;
 }
 
 /// Normal equations of the differences that are not truncated.
@@ -393,25 +403,25 @@ std::vector<Vector6> FindOptima(const std::vector<Comparison>& comparisons,
 AxisValues RateCamera(const std::vector<Comparison>& comparisons,
                       const std::vector<std::size_t>& pairs, const Vector6& optimum,
                       const std::vector<double>& fractions, const MiscalibrationOptions& options) {
-  const auto error_at = [&](const Vector6& pose) {
-    std::vector<double> errors(pairs.size());
-    tbb::parallel_for(std::size_t{0}, pairs.size(), [&](std::size_t i) {
-      errors[i] = PhotometricError(comparisons[pairs[i]], pose);
-    });
-    return std::accumulate(errors.begin(), errors.end(), 0.0);
-  };
+  const Vector6 base = options.free_other_axes ? optimum : Vector6(Vector6::Zero());
+  const auto num_samples = static_cast<std::size_t>(options.num_samples);
   AxisValues rates;
   for (int axis = 0; axis < kNumAxes; ++axis) {
-    Vector6 base = options.free_other_axes ? optimum : Vector6(Vector6::Zero());
-    base[axis] = 0.0;
-    const double error = error_at(base);
-    int num_lower = 0;
-    for (int sample = 0; sample < options.num_samples; ++sample) {
-      Vector6 perturbed = base;
-      perturbed[axis] = fractions[static_cast<std::size_t>(axis * options.num_samples + sample)];
-      if (error_at(perturbed) < error) ++num_lower;
+    // The given pose first, then the perturbed ones.
+    std::vector<float> values = {0.0F};
+    const auto first = fractions.begin() + axis * options.num_samples;
+    values.insert(values.end(), first, first + options.num_samples);
+    std::vector<std::vector<double>> errors(pairs.size());
+    tbb::parallel_for(std::size_t{0}, pairs.size(), [&](std::size_t i) {
+      errors[i] = PhotometricErrors(comparisons[pairs[i]], base, axis, values);
+    });
+    std::vector<double> sums(values.size(), 0.0);
+    for (const std::vector<double>& of_pair : errors) {
+      std::transform(sums.begin(), sums.end(), of_pair.begin(), sums.begin(), std::plus<>());
     }
-    rates[axis] = static_cast<double>(num_lower) / options.num_samples;
+    const auto num_lower = std::count_if(sums.begin() + 1, sums.end(),
+                                         [&](double error) { return error < sums.front(); });
+    rates[axis] = static_cast<double>(num_lower) / static_cast<double>(num_samples);
   }
   return rates;
 }
