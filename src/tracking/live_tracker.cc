@@ -31,8 +31,8 @@ constexpr double kBilinearNoise = 0.8;
 constexpr int kMergeDistancePx = 4;
 /// How far from its prediction by scene flow a lost feature is looked for.
 constexpr double kMaxRescueShiftPx = 10.0;
-/// A live track needs no final precision: its convergence against that of the last registration.
-constexpr double kLiveConvergence = 8.0;
+/// A live track needs no final precision.
+constexpr double kLiveConvergencePx = 0.08;
 /// Mean grey value and its deviation below which there is nothing to detect.
 constexpr double kBlackMean = 3.0;
 constexpr double kBlackDeviation = 2.0;
@@ -238,8 +238,7 @@ bool LiveTracker::Extend(const GrayImage& image, const Prediction& predicted, do
   PatchWarp initial;
   initial.center_px = predicted.pixel;
   initial.affine = predicted.affine_from_first * active_track->patch_affine_from_first.inverse();
-  const PatchRegistrationLimits limits{registration.max_iterations,
-                                       kLiveConvergence * registration.convergence_px,
+  const PatchRegistrationLimits limits{registration.max_iterations, kLiveConvergencePx,
                                        registration.max_correction_px};
   const auto match = active_track->patch.Register(image.pixels, initial, limits);
   if (!match || match->ncc < min_ncc * ReachableNcc(match->reference_sigma, noise_levels_) ||

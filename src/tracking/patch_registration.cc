@@ -4,131 +4,14 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
-#include <cstring>
-#include <opencv2/core/hal/intrin.hpp>
+
+#include "pixel_grid.h"
+#include "pixel_kernels.h"
 
 namespace scenecalib {
 namespace {
 
-using cv::v_float32x4;
-
-/// Weights of the cubic B-spline for the four pixels around a position with fraction t.
-void SplineWeights(float t, float* weights) {
-  const float u = 1.0F - t;
-  weights[0] = u * u * u / 6.0F;
-  weights[1] = 2.0F / 3.0F - t * t + 0.5F * t * t * t;
-  weights[2] = 2.0F / 3.0F - u * u + 0.5F * u * u * u;
-  weights[3] = t * t * t / 6.0F;
-}
-
-/// Their derivatives by t.
-void SplineDerivatives(float t, float* weights) {
-  const float u = 1.0F - t;
-  weights[0] = -0.5F * u * u;
-  weights[1] = -2.0F * t + 1.5F * t * t;
-  weights[2] = 2.0F * u - 1.5F * u * u;
-  weights[3] = 0.5F * t * t;
-}
-
-/// The weights in steps of 1/512 px: rounding to them is random from pixel to pixel of a patch.
-class SplineTable {
- public:
-  /// Weights as they are, and as two pairs of 16-bit integers that sum up to kOne.
-  struct Entry {
-    float weights[4];
-    std::uint32_t pairs[2];
-  };
-  static constexpr int kOne = 1 << 14;
-
-  SplineTable() {
-    for (int i = 0; i <= kSteps; ++i) {
-      Entry& entry = entries_[i];
-      SplineWeights(static_cast<float>(i) / kSteps, entry.weights);
-      std::uint32_t whole[4];
-      for (int k : {0, 2, 3}) {
-        whole[k] = static_cast<std::uint32_t>(std::lround(entry.weights[k] * kOne));
-      }
-      whole[1] = kOne - whole[0] - whole[2] - whole[3];
-      entry.pairs[0] = whole[0] | (whole[1] << 16);
-      entry.pairs[1] = whole[2] | (whole[3] << 16);
-    }
-  }
-
-  const Entry& At(float fraction) const {
-    return entries_[static_cast<int>(fraction * kSteps + 0.5F)];
-  }
-
- private:
-  static constexpr int kSteps = 512;
-  Entry entries_[kSteps + 1];
-};
-
 const SplineTable kSpline;
-
-inline v_float32x4 LoadRow(const uchar* row) {
-  return cv::v_cvt_f32(cv::v_reinterpret_as_s32(cv::v_load_expand_q(row)));
-}
-
-/// Sum over the 4x4 pixels that begin at `corner`, with separable weights.
-inline float Convolve(const uchar* corner, std::size_t step, const float* weights_x,
-                      const float* weights_y) {
-  v_float32x4 sum = LoadRow(corner) * cv::v_setall_f32(weights_y[0]);
-  sum = cv::v_muladd(LoadRow(corner + step), cv::v_setall_f32(weights_y[1]), sum);
-  sum = cv::v_muladd(LoadRow(corner + 2 * step), cv::v_setall_f32(weights_y[2]), sum);
-  sum = cv::v_muladd(LoadRow(corner + 3 * step), cv::v_setall_f32(weights_y[3]), sum);
-  return cv::v_reduce_sum(sum * cv::v_load(weights_x));
-}
-
-inline std::uint32_t FourPixels(const uchar* row) {
-  std::uint32_t pixels;
-  std::memcpy(&pixels, row, sizeof(pixels));
-  return pixels;
-}
-
-/// The columns of the 4x4 pixels that begin at `corner`, summed with `down` and weighed with
-/// `across`: what Convolve sums up, times kOne.
-inline v_float32x4 WeighColumns(const uchar* corner, std::size_t step,
-                                const SplineTable::Entry& across, const SplineTable::Entry& down) {
-  const cv::v_uint32x4 even(FourPixels(corner), FourPixels(corner + 2 * step), 0, 0);
-  const cv::v_uint32x4 odd(FourPixels(corner + step), FourPixels(corner + 3 * step), 0, 0);
-  cv::v_uint8x16 rows, unused;  // two rows interleaved, then the other two
-  cv::v_zip(cv::v_reinterpret_as_u8(even), cv::v_reinterpret_as_u8(odd), rows, unused);
-  cv::v_uint16x8 upper, lower;
-  cv::v_expand(rows, upper, lower);
-  const cv::v_int32x4 sum =
-      cv::v_dotprod(cv::v_reinterpret_as_s16(upper),
-                    cv::v_reinterpret_as_s16(cv::v_setall_u32(down.pairs[0]))) +
-      cv::v_dotprod(cv::v_reinterpret_as_s16(lower),
-                    cv::v_reinterpret_as_s16(cv::v_setall_u32(down.pairs[1])));
-  return cv::v_cvt_f32(sum) * cv::v_load(across.weights);
-}
-
-struct Cell {
-  const uchar* corner;
-  float fraction_x;
-  float fraction_y;
-};
-
-inline Cell Locate(const cv::Mat& image, float x, float y) {
-  const int column = static_cast<int>(x);  // positions are positive: truncation is floor
-  const int row = static_cast<int>(y);
-  return {image.data + (row - 1) * image.step[0] + (column - 1), x - static_cast<float>(column),
-          y - static_cast<float>(row)};
-}
-
-inline bool CanRead(const cv::Mat& image, double x, double y) {
-  return x >= 1.0 && y >= 1.0 && x < image.cols - 3.0 && y < image.rows - 2.0;
-}
-
-/// Between the middle four of the cell's pixels.
-inline float Bilinear(const Cell& cell, std::size_t step) {
-  const uchar* above = cell.corner + step + 1;
-  const uchar* below = above + step;
-  const float top = above[0] + cell.fraction_x * static_cast<float>(above[1] - above[0]);
-  const float bottom = below[0] + cell.fraction_x * static_cast<float>(below[1] - below[0]);
-  return top + cell.fraction_y * (bottom - top);
-}
 
 /// Deviation of an image's own blur as it is read smoothly: the pixel's area and the kernel.
 constexpr double kReadingSigmaPx = 0.65;
@@ -142,8 +25,17 @@ double ReadingOffsetPx(double stretch) {
   return kReadingSigmaPx * std::sqrt(1.0 - 1.0 / (stretch * stretch));
 }
 
-/// Iterations after which a registration that leads nowhere is given up.
-constexpr int kHopelessIteration = 3;
+/// Iterations with all pixels after which a registration that leads nowhere is given up.
+constexpr int kHopelessIteration = 1;
+
+/// Smallest pivot of the normal equations of unit weights in all.
+constexpr double kMinPivot = 1e-4;
+
+/// Only every second pixel of every second row takes part until a step is smaller than this; a
+/// small patch has too few of them.
+constexpr double kCoarseStepPx = 0.1;
+constexpr int kCoarseStride = 2;
+constexpr int kMinCoarseRadiusPx = 6;
 
 /// Shrinkage of an axis from one of ReferencePatch's blurs to the next.
 constexpr double kBlurRatio = 1.35;
@@ -159,83 +51,20 @@ double BlurPx(int index) {
   return kReadingSigmaPx * std::sqrt(std::pow(kBlurRatio, 2 * index) - 1.0);
 }
 
-/// Weights of a Gaussian at whole pixels from -margin to margin.
-Eigen::VectorXf GaussianWeights(double sigma_px, int margin) {
-  Eigen::VectorXf weights = Eigen::VectorXf::Zero(2 * margin + 1);
-  for (int i = -margin; i <= margin; ++i) {
-    const double u = sigma_px > 0.0 ? i / sigma_px : (i == 0 ? 0.0 : 1e3);
-    weights[i + margin] = static_cast<float>(std::exp(-0.5 * u * u));
-  }
-  return weights / weights.sum();
-}
-
-/// Values and gradients of a square of pixels around a centre.
-struct PixelGrid {
-  Eigen::MatrixXf value, gradient_x, gradient_y;  ///< rows are y
-};
-
-PixelGrid ReadGridSmoothed(const cv::Mat& image, const Eigen::Vector2d& center_px, int radius_px) {
-  const int edge = 2 * radius_px + 1;
-  PixelGrid grid{Eigen::MatrixXf(edge, edge), Eigen::MatrixXf(edge, edge),
-                 Eigen::MatrixXf(edge, edge)};
-  for (int column = 0; column < edge; ++column) {
-    for (int row = 0; row < edge; ++row) {
-      const SmoothedPixel pixel =
-          ReadSmoothed(image, center_px.x() + column - radius_px, center_px.y() + row - radius_px);
-      grid.value(row, column) = pixel.value;
-      grid.gradient_x(row, column) = pixel.gradient_x;
-      grid.gradient_y(row, column) = pixel.gradient_y;
+/// The rows of the pixels that take part in coarse steps.
+Eigen::MatrixXf Thinned(const Eigen::MatrixXf& by_pixel, int edge) {
+  const int coarse_edge = (edge + kCoarseStride - 1) / kCoarseStride;
+  Eigen::MatrixXf thinned(coarse_edge * coarse_edge, by_pixel.cols());
+  for (Eigen::Index column = 0; column < by_pixel.cols(); ++column) {
+    float* out = thinned.col(column).data();
+    for (int y = 0; y < edge; y += kCoarseStride) {
+      for (int x = 0; x < edge; x += kCoarseStride) *out++ = by_pixel(y * edge + x, column);
     }
   }
-  return grid;
-}
-
-/// Bilinear; gradients over two pixels.
-PixelGrid ReadGridBilinear(const cv::Mat& image, const Eigen::Vector2d& center_px, int radius_px) {
-  const int edge = 2 * radius_px + 3;
-  const auto left = static_cast<float>(center_px.x() - radius_px - 1);
-  const auto top = static_cast<float>(center_px.y() - radius_px - 1);
-  Eigen::MatrixXf value(edge, edge);
-  for (int column = 0; column < edge; ++column) {
-    for (int row = 0; row < edge; ++row) {
-      value(row, column) =
-          Bilinear(Locate(image, left + static_cast<float>(column), top + static_cast<float>(row)),
-                   image.step[0]);
-    }
-  }
-  const int inner = edge - 2;
-  return {value.block(1, 1, inner, inner),
-          0.5F * (value.block(1, 2, inner, inner) - value.block(1, 0, inner, inner)),
-          0.5F * (value.block(2, 1, inner, inner) - value.block(0, 1, inner, inner))};
-}
-
-/// The grid without its margin, blurred.
-void Blur(const Eigen::Vector2d& sigma_px, int margin, PixelGrid* grid) {
-  const Eigen::VectorXf across = GaussianWeights(sigma_px.x(), margin);
-  const Eigen::VectorXf down = GaussianWeights(sigma_px.y(), margin);
-  for (Eigen::MatrixXf* channel : {&grid->value, &grid->gradient_x, &grid->gradient_y}) {
-    const Eigen::Index inner = channel->rows() - 2 * margin;
-    Eigen::MatrixXf rows = Eigen::MatrixXf::Zero(inner, channel->cols());
-    for (int i = 0; i <= 2 * margin; ++i) rows += down[i] * channel->middleRows(i, inner);
-    Eigen::MatrixXf blurred = Eigen::MatrixXf::Zero(inner, inner);
-    for (int i = 0; i <= 2 * margin; ++i) blurred += across[i] * rows.middleCols(i, inner);
-    *channel = std::move(blurred);
-  }
+  return thinned;
 }
 
 }  // namespace
-
-SmoothedPixel ReadSmoothed(const cv::Mat& image, double x_px, double y_px) {
-  const Cell cell = Locate(image, static_cast<float>(x_px), static_cast<float>(y_px));
-  float wx[4], wy[4], dx[4], dy[4];
-  SplineWeights(cell.fraction_x, wx);
-  SplineWeights(cell.fraction_y, wy);
-  SplineDerivatives(cell.fraction_x, dx);
-  SplineDerivatives(cell.fraction_y, dy);
-  const std::size_t step = image.step[0];
-  return {Convolve(cell.corner, step, wx, wy), Convolve(cell.corner, step, dx, wy),
-          Convolve(cell.corner, step, wx, dy)};
-}
 
 std::optional<PatchTemplate> PatchTemplate::Create(const cv::Mat& image,
                                                    const Eigen::Vector2d& center_px, int radius_px,
@@ -275,20 +104,19 @@ std::optional<PatchTemplate> PatchTemplate::Create(const cv::Mat& image,
   int i = 0;
   for (int y = -radius_px; y <= radius_px; ++y) {
     for (int x = -radius_px; x <= radius_px; ++x, ++i) {
-      const SmoothedPixel pixel{grid.value(y + radius_px, x + radius_px),
-                                grid.gradient_x(y + radius_px, x + radius_px),
-                                grid.gradient_y(y + radius_px, x + radius_px)};
+      const float gradient_x = grid.gradient_x(y + radius_px, x + radius_px);
+      const float gradient_y = grid.gradient_y(y + radius_px, x + radius_px);
       const float u = static_cast<float>(x) * inverse_radius;
       const float v = static_cast<float>(y) * inverse_radius;
       weights[i] = profile[x + radius_px] * profile[y + radius_px];
-      patch.reference_[i] = pixel.value;
-      patch.design_(i, 0) = pixel.gradient_x;
-      patch.design_(i, 1) = pixel.gradient_y;
+      patch.reference_[i] = grid.value(y + radius_px, x + radius_px);
+      patch.design_(i, 0) = gradient_x;
+      patch.design_(i, 1) = gradient_y;
       if (freedom == WarpFreedom::kAffine) {
-        patch.design_(i, 2) = pixel.gradient_x * u;
-        patch.design_(i, 3) = pixel.gradient_x * v;
-        patch.design_(i, 4) = pixel.gradient_y * u;
-        patch.design_(i, 5) = pixel.gradient_y * v;
+        patch.design_(i, 2) = gradient_x * u;
+        patch.design_(i, 3) = gradient_x * v;
+        patch.design_(i, 4) = gradient_y * u;
+        patch.design_(i, 5) = gradient_y * v;
       }
     }
   }
@@ -297,23 +125,40 @@ std::optional<PatchTemplate> PatchTemplate::Create(const cv::Mat& image,
   patch.variance_ = weights.dot(patch.reference_.cwiseAbs2());
   patch.design_.col(num_motion) = patch.reference_;
   patch.design_.col(num_motion + 1).setOnes();
-  patch.weighted_ = weights.asDiagonal() * patch.design_;
-
-  const SmallMatrix normal = (patch.design_.transpose() * patch.weighted_).cast<double>();
-  const Eigen::LDLT<SmallMatrix> factor(normal);
-  // A patch without structure in some direction: the smallest pivot vanishes against the largest.
-  const double min_pivot = factor.vectorD().minCoeff();
-  if (factor.info() != Eigen::Success || !(patch.variance_ > 1e-3) || !(min_pivot > 1e-4)) {
-    return std::nullopt;
+  // A patch without structure in some direction has no inverse.
+  patch.fine_ = MakeNormal(patch.design_, weights);
+  if (!(patch.variance_ > 1e-3) || patch.fine_.inverse.size() == 0) return std::nullopt;
+  if (radius_px >= kMinCoarseRadiusPx) {
+    patch.coarse_ = MakeNormal(Thinned(patch.design_, edge), Thinned(weights, edge));
+    patch.coarse_.stride = kCoarseStride;
   }
-  patch.inverse_ = factor.solve(SmallMatrix::Identity(n, n));
   // Weighted least squares with a window that is not the inverse noise: the sandwich.
-  const SmallMatrix meat = (patch.weighted_.transpose() * patch.weighted_).cast<double>();
-  patch.unit_covariance_ = (patch.inverse_ * meat * patch.inverse_).topLeftCorner<2, 2>();
+  const SmallMatrix meat = (patch.fine_.weighted.transpose() * patch.fine_.weighted).cast<double>();
+  patch.unit_covariance_ = (patch.fine_.inverse * meat * patch.fine_.inverse).topLeftCorner<2, 2>();
   return patch;
 }
 
-bool PatchTemplate::Sample(const cv::Mat& image, const PatchWarp& warp,
+PatchTemplate::Normal PatchTemplate::MakeNormal(const Eigen::MatrixXf& design,
+                                                const Eigen::VectorXf& weights) {
+  const Eigen::Index n = design.cols();
+  Normal normal;
+  normal.weighted = weights.asDiagonal() * design;
+  SmallMatrix matrix(n, n);
+  for (Eigen::Index row = 0; row < n; ++row) {
+    for (Eigen::Index column = 0; column <= row; ++column) {
+      matrix(row, column) = design.col(row).dot(normal.weighted.col(column));
+      matrix(column, row) = matrix(row, column);
+    }
+  }
+  const Eigen::LDLT<SmallMatrix> factor(matrix);
+  const double min_pivot = factor.vectorD().minCoeff();
+  if (factor.info() == Eigen::Success && min_pivot > kMinPivot * weights.sum()) {
+    normal.inverse = factor.solve(SmallMatrix::Identity(n, n));
+  }
+  return normal;
+}
+
+bool PatchTemplate::Sample(const cv::Mat& image, const PatchWarp& warp, int stride,
                            Eigen::VectorXf* values) const {
   const bool is_smooth = reading_ == PatchReading::kSmooth;
   const Eigen::Vector2d across =
@@ -333,20 +178,21 @@ bool PatchTemplate::Sample(const cv::Mat& image, const PatchWarp& warp,
       }
     }
   }
-  values->resize(reference_.size());
+  const Eigen::Index num_pixels = stride == 1 ? fine_.weighted.rows() : coarse_.weighted.rows();
+  values->resize(num_pixels);
   const int num_across = across.isZero() ? 1 : 2;
   const int num_down = down.isZero() ? 1 : 2;
   if (num_across * num_down == 1) {
-    SampleOnce(image, warp, values->data());
+    SampleOnce(image, warp, stride, values->data());
     return true;
   }
-  Eigen::VectorXf once(reference_.size());
+  Eigen::VectorXf once(num_pixels);
   values->setZero();
   for (int i = 0; i < num_across; ++i) {
     for (int j = 0; j < num_down; ++j) {
       PatchWarp shifted = warp;
       shifted.center_px += (i == 0 ? across : -across) + (j == 0 ? down : -down);
-      SampleOnce(image, shifted, once.data());
+      SampleOnce(image, shifted, stride, once.data());
       *values += once;
     }
   }
@@ -354,13 +200,14 @@ bool PatchTemplate::Sample(const cv::Mat& image, const PatchWarp& warp,
   return true;
 }
 
-void PatchTemplate::SampleOnce(const cv::Mat& image, const PatchWarp& warp, float* value) const {
+void PatchTemplate::SampleOnce(const cv::Mat& image, const PatchWarp& warp, int stride,
+                               float* value) const {
   const std::size_t step = image.step[0];
   const Eigen::Matrix2f a = warp.affine.cast<float>();
   const Eigen::Matrix<float, 2, 3> q = warp.quadratic.cast<float>();
   const Eigen::Vector2f c = warp.center_px.cast<float>();
   const cv::v_float32x4 unit = cv::v_setall_f32(1.0F / SplineTable::kOne);
-  for (int y = -radius_px_; y <= radius_px_; ++y) {
+  for (int y = -radius_px_; y <= radius_px_; y += stride) {
     const auto fy = static_cast<float>(y);
     const float row_x = c.x() + (a(0, 1) + q(0, 2) * fy) * fy;
     const float row_y = c.y() + (a(1, 1) + q(1, 2) * fy) * fy;
@@ -378,25 +225,26 @@ void PatchTemplate::SampleOnce(const cv::Mat& image, const PatchWarp& warp, floa
         return WeighColumns(cell.corner, step, kSpline.At(cell.fraction_x),
                             kSpline.At(cell.fraction_y));
       };
-      for (; x + 3 <= radius_px_; x += 4, value += 4) {
-        cv::v_store(value, cv::v_reduce_sum4(columns_at(x), columns_at(x + 1), columns_at(x + 2),
-                                             columns_at(x + 3)) *
-                               unit);
+      for (; x + 3 * stride <= radius_px_; x += 4 * stride, value += 4) {
+        cv::v_store(value,
+                    cv::v_reduce_sum4(columns_at(x), columns_at(x + stride),
+                                      columns_at(x + 2 * stride), columns_at(x + 3 * stride)) *
+                        unit);
       }
-      for (; x <= radius_px_; ++x) *value++ = cv::v_reduce_sum(columns_at(x) * unit);
+      for (; x <= radius_px_; x += stride) *value++ = cv::v_reduce_sum(columns_at(x) * unit);
     } else {
-      for (; x <= radius_px_; ++x) *value++ = Bilinear(cell_at(x), step);
+      for (; x <= radius_px_; x += stride) *value++ = Bilinear(cell_at(x), step);
     }
   }
 }
 
 /// -1 where the values are all alike.
 double PatchTemplate::Correlation(const Eigen::VectorXf& values) const {
-  const auto weights = weighted_.col(num_parameters_ - 1);
+  const auto weights = fine_.weighted.col(num_parameters_ - 1);
   const float mean = weights.dot(values);
   const double variance = weights.dot((values.array() - mean).matrix().cwiseAbs2());
   if (!(variance > 1e-6)) return -1.0;
-  return weighted_.col(num_parameters_ - 2).dot(values) / std::sqrt(variance * variance_);
+  return fine_.weighted.col(num_parameters_ - 2).dot(values) / std::sqrt(variance * variance_);
 }
 
 std::optional<PatchMatch> PatchTemplate::Register(const cv::Mat& image, const PatchWarp& initial,
@@ -407,11 +255,14 @@ std::optional<PatchMatch> PatchTemplate::Register(const cv::Mat& image, const Pa
   Eigen::VectorXf values;
   SmallVector solution(num_parameters_);
   bool converged = false;
+  int num_fine = 0;
+  const Normal* normal = coarse_.inverse.size() > 0 ? &coarse_ : &fine_;
   for (; match.iterations < limits.max_iterations && !converged; ++match.iterations) {
-    if (!Sample(image, match.warp, &values)) return std::nullopt;
-    solution = inverse_ * (weighted_.transpose() * values).cast<double>();
+    if (!Sample(image, match.warp, normal->stride, &values)) return std::nullopt;
+    solution = normal->inverse * (normal->weighted.transpose() * values).cast<double>();
     match.gain = solution[num_motion];
-    if (match.iterations == kHopelessIteration && Correlation(values) < limits.hopeless_ncc) {
+    const bool is_fine = normal == &fine_;
+    if (is_fine && num_fine++ == kHopelessIteration && Correlation(values) < limits.hopeless_ncc) {
       return std::nullopt;
     }
     if (!(match.gain > 0.05 && match.gain < 20.0)) return std::nullopt;
@@ -432,12 +283,19 @@ std::optional<PatchMatch> PatchTemplate::Register(const cv::Mat& image, const Pa
       return std::nullopt;
     }
     const double corner_step_px = (growth - Eigen::Matrix2d::Identity()).norm() * 0.5 * radius_px_;
-    converged = step.norm() < limits.convergence_px && corner_step_px < 10 * limits.convergence_px;
+    const auto is_within = [&](double limit_px) {
+      return step.norm() < limit_px && corner_step_px < 10 * limit_px;
+    };
+    if (is_fine) {
+      converged = is_within(limits.convergence_px);
+    } else if (is_within(kCoarseStepPx)) {
+      normal = &fine_;
+    }
   }
   if (!converged) return std::nullopt;
 
   const Eigen::VectorXf residual = values - design_ * solution.cast<float>();
-  const auto weights = weighted_.col(num_parameters_ - 1);
+  const auto weights = fine_.weighted.col(num_parameters_ - 1);
   const double residual_variance = weights.dot(residual.cwiseAbs2());
   match.ncc = Correlation(values);
   if (match.ncc <= -1.0) return std::nullopt;

@@ -6,7 +6,7 @@
 
 #include "scenecalib/base/options.h"
 #include "scenecalib/base/random.h"
-#include "scenecalib/tracking/patch_registration.h"
+#include "scenecalib/tracking/pixel_reading.h"
 
 namespace scenecalib {
 namespace {

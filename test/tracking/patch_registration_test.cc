@@ -4,6 +4,7 @@
 
 #include <Eigen/LU>
 
+#include "scenecalib/tracking/pixel_reading.h"
 #include "tracking/synthetic_scene.h"
 
 namespace scenecalib {

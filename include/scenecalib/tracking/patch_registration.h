@@ -38,7 +38,7 @@ struct PatchRegistrationLimits {
   int max_iterations = 12;
   double convergence_px = 0.004;
   double max_correction_px = 3.0;  ///< between the first and the last center_px
-  double hopeless_ncc = -1.0;      ///< with less after three iterations it gives up
+  double hopeless_ncc = -1.0;      ///< with less once nearly there it gives up
 };
 
 /// Outcome of a registration that converged inside the image.
@@ -97,17 +97,26 @@ class PatchTemplate {
   using SmallMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 8, 8>;
   using SmallVector = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, 8, 1>;
 
-  bool Sample(const cv::Mat& image, const PatchWarp& warp, Eigen::VectorXf* values) const;
+  /// Weighted least squares on the patch's pixels, or on every other one of every other row.
+  struct Normal {
+    int stride = 1;
+    Eigen::MatrixXf weighted;  ///< pixels x parameters, each row times its weight
+    SmallMatrix inverse;       ///< of design^T W design; empty where that is singular
+  };
+  static Normal MakeNormal(const Eigen::MatrixXf& design, const Eigen::VectorXf& weights);
+
+  bool Sample(const cv::Mat& image, const PatchWarp& warp, int stride,
+              Eigen::VectorXf* values) const;
+  void SampleOnce(const cv::Mat& image, const PatchWarp& warp, int stride, float* values) const;
   double Correlation(const Eigen::VectorXf& values) const;
-  void SampleOnce(const cv::Mat& image, const PatchWarp& warp, float* values) const;
 
   int radius_px_ = 0;
   PatchReading reading_ = PatchReading::kSmooth;
   int num_parameters_ = 0;           ///< 4 (shift) or 8 (affine), with gain and bias
   Eigen::VectorXf reference_;        ///< grey values less their weighted mean
   Eigen::MatrixXf design_;           ///< pixels x parameters: displacement..., gain, bias
-  Eigen::MatrixXf weighted_;         ///< the same, each row times its weight
-  SmallMatrix inverse_;              ///< of design^T W design
+  Normal fine_;                      ///< of all pixels
+  Normal coarse_;                    ///< of a quarter of them, to come near
   Eigen::Matrix2d unit_covariance_;  ///< of d0 for residuals of unit variance
   double variance_ = 0.0;            ///< weighted variance of the reference
 };
@@ -137,14 +146,5 @@ class ReferencePatch {
   std::optional<PatchTemplate> views_[kNumBlurs][kNumBlurs];
   bool is_tried_[kNumBlurs][kNumBlurs] = {};
 };
-
-/// Grey value and gradient of an 8-bit image read through the cubic B-spline kernel. The pixel must
-/// be at least 2 px inside the image.
-struct SmoothedPixel {
-  float value = 0.0F;
-  float gradient_x = 0.0F;
-  float gradient_y = 0.0F;
-};
-SmoothedPixel ReadSmoothed(const cv::Mat& image, double x_px, double y_px);
 
 }  // namespace scenecalib
