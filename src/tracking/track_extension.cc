@@ -23,13 +23,31 @@ struct Sighting {
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
 };
 
+/// Change of scale against its view from which a runner may take a nearer view.
+constexpr double kMinScaleOfNewView = 1.4;
+
+/// Views that a runner may take after its track's reference: each adds its error.
+constexpr int kMaxNewViews = 3;
+
+/// A sighting that can serve as the view to compare further ones with.
+struct Sight {
+  Timestamp stamp_ns = 0;
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+  Eigen::Matrix2d affine_from_view = Eigen::Matrix2d::Identity();
+  Eigen::Matrix2d covariance_px2 = Eigen::Matrix2d::Zero();
+};
+
 /// A track on its way beyond one of its ends.
 struct Runner {
   int track = 0;
   std::unique_ptr<ReferenceView> view;
-  Eigen::Vector2d pixel;  ///< in the image before
-  Eigen::Matrix2d affine_from_reference;
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();  ///< in the image before
+  Eigen::Matrix2d affine_from_view = Eigen::Matrix2d::Identity();
   int num_missed = 0;
+  Eigen::Matrix2d view_from_reference = Eigen::Matrix2d::Identity();  ///< affine
+  Eigen::Matrix2d view_covariance_px2 = Eigen::Matrix2d::Zero();      ///< of what it is centred on
+  int num_new_views = 0;
+  std::optional<Sight> last;  ///< the newest sighting by the whole patch
 };
 
 /// Extends in one direction of time, image by image.
@@ -89,8 +107,15 @@ class Extender {
           observations[static_cast<std::size_t>(track.track.reference)];
       auto view = matcher_.Prepare(reference.stamp_ns, reference.pixel);
       if (!view) continue;
-      runners_.push_back({t, std::make_unique<ReferenceView>(std::move(*view)), end.pixel,
-                          forward_ ? track.last_from_reference : track.first_from_reference, 0});
+      Runner runner;
+      runner.track = t;
+      runner.view = std::make_unique<ReferenceView>(std::move(*view));
+      runner.pixel = end.pixel;
+      runner.affine_from_view = forward_ ? track.last_from_reference : track.first_from_reference;
+      if (track.track.patch_radius_px != options_.registration.core_radius_px) {
+        runner.last = Sight{end.stamp_ns, end.pixel, runner.affine_from_view, end.covariance_px2};
+      }
+      runners_.push_back(std::move(runner));
     }
   }
 
@@ -120,22 +145,61 @@ class Extender {
         return std::nullopt;
       }
       runner->pixel = step->center_px;
-      runner->affine_from_reference = step->affine * runner->affine_from_reference;
+      runner->affine_from_view = step->affine * runner->affine_from_view;
     }
-    PatchWarp initial;
-    initial.center_px = runner->pixel;
-    initial.affine = runner->affine_from_reference;
-    const auto match = ScaleChange(initial.affine) <= options_.registration.max_scale
-                           ? matcher_.Match(runner->view.get(), initial, stamp_ns)
-                           : std::nullopt;
+    auto match = Look(stamp_ns, runner);
+    if (!match && TakeNewView(runner)) match = Look(stamp_ns, runner);
     if (!match) {
       ++runner->num_missed;
       return std::nullopt;
     }
     runner->pixel = match->match.warp.center_px;
-    runner->affine_from_reference = match->match.warp.affine;
+    runner->affine_from_view = match->match.warp.affine;
     runner->num_missed = 0;
+    if (!match->is_core) {
+      runner->last = Sight{stamp_ns, runner->pixel, runner->affine_from_view,
+                           Covariance(match->match, *runner)};
+    }
     return match;
+  }
+
+  std::optional<ReferenceMatch> Look(Timestamp stamp_ns, Runner* runner) const {
+    PatchWarp initial;
+    initial.center_px = runner->pixel;
+    initial.affine = runner->affine_from_view;
+    if (ScaleChange(initial.affine) > options_.registration.max_scale) return std::nullopt;
+    return matcher_.Match(runner->view.get(), initial, stamp_ns);
+  }
+
+  /// From the newest sighting on, where the scale has changed against the view: what no longer
+  /// looks like that may still look like this. Elsewhere a patch that no longer matches straddles
+  /// an edge, and would only slide along with it.
+  bool TakeNewView(Runner* runner) const {
+    const double max_sigma_px = options_.registration.max_view_sigma_px;
+    if (!runner->last || runner->num_new_views == kMaxNewViews ||
+        runner->last->covariance_px2.trace() > max_sigma_px * max_sigma_px ||
+        ScaleChange(runner->last->affine_from_view) < kMinScaleOfNewView) {
+      return false;
+    }
+    auto view = matcher_.Prepare(runner->last->stamp_ns, runner->last->pixel);
+    if (!view) return false;
+    *runner->view = std::move(*view);
+    runner->affine_from_view = runner->affine_from_view * runner->last->affine_from_view.inverse();
+    runner->view_from_reference = runner->last->affine_from_view * runner->view_from_reference;
+    runner->view_covariance_px2 = runner->last->covariance_px2;
+    runner->last.reset();
+    ++runner->num_new_views;
+    return true;
+  }
+
+  /// Of a sighting about the reference's point. As ShareMatchCovariance: half of a match's
+  /// covariance is the view's; beyond the reference the view's place is not certain either.
+  Eigen::Matrix2d Covariance(const PatchMatch& match, const Runner& runner) const {
+    const double floor = options_.registration.sigma_floor_px;
+    const Eigen::Matrix2d& affine = match.warp.affine;
+    return (runner.num_new_views > 0 ? 1.0 : 0.5) * match.covariance_px2 +
+           floor * floor * Eigen::Matrix2d::Identity() +
+           affine * runner.view_covariance_px2 * affine.transpose();
   }
 
   /// Enters the matches into their tracks; where two tracks meet the longer one prevails.
@@ -148,7 +212,7 @@ class Extender {
       if (track.track.observations.empty()) continue;
       if (matches[r]) {
         if (!TakeOver(k, runner)) continue;
-        Enter(k, *matches[r], &track);
+        Enter(k, *matches[r], runner, &track);
         sightings_[k].push_back({runner.track, runner.pixel});
         ++evidence_.num_observations_added;
       }
@@ -194,24 +258,20 @@ class Extender {
     if (index < track.reference) --track.reference;
   }
 
-  void Enter(std::size_t k, const ReferenceMatch& found, RegisteredTrack* track) const {
-    const PatchMatch& match = found.match;
+  void Enter(std::size_t k, const ReferenceMatch& found, const Runner& runner,
+             RegisteredTrack* track) const {
     if (found.is_core) track->track.patch_radius_px = options_.registration.core_radius_px;
-    const double floor = options_.registration.sigma_floor_px;
-    TrackObservation observation;
-    observation.stamp_ns = stamps_[k];
-    observation.pixel = match.warp.center_px;
-    // As ShareMatchCovariance: half of a match's covariance is the reference's.
-    observation.covariance_px2 =
-        0.5 * match.covariance_px2 + floor * floor * Eigen::Matrix2d::Identity();
+    const PatchMatch& match = found.match;
+    const TrackObservation observation{stamps_[k], match.warp.center_px, Covariance(match, runner)};
+    const Eigen::Matrix2d from_reference = match.warp.affine * runner.view_from_reference;
     auto& observations = track->track.observations;
     if (forward_) {
       observations.push_back(observation);
-      track->last_from_reference = match.warp.affine;
+      track->last_from_reference = from_reference;
     } else {
       observations.insert(observations.begin(), observation);
       ++track->track.reference;
-      track->first_from_reference = match.warp.affine;
+      track->first_from_reference = from_reference;
     }
   }
 

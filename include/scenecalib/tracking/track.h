@@ -20,7 +20,8 @@ struct TrackObservation {
 struct Track {
   std::int64_t id = 0;  ///< unique within the camera
   std::vector<TrackObservation> observations;
-  /// Index into `observations` of the view that the others were registered against.
+  /// Index into `observations` of the view that the others were registered against, directly or
+  /// (far from it) through another one.
   int reference = 0;
   /// Half edge of the patch beyond which the reference view is known to hold other things, a depth
   /// edge; 0: nothing is known.

@@ -19,7 +19,9 @@ struct ExtensionEvidence {
 /// Carries tracks on beyond both ends: a feature is visible before it was detected and often after
 /// it was lost. From image to image the other tracks' motion predicts where it goes (SceneFlow);
 /// the patch of its own reference view then has to match there as in RegisterAgainstReference. A
-/// few images may be missed in between. Where a longer track comes upon a shorter one, both follow
+/// few images may be missed in between. Where the scale has changed too much for it, a certain
+/// sighting on the way takes the reference view's place, up to three times; the covariances of what
+/// is found with it hold its own too. Where a longer track comes upon a shorter one, both follow
 /// the same thing, and the longer one takes over its observations.
 ///
 /// Parallel over tracks, deterministic. Tracks left with fewer than `min_observations` are dropped.

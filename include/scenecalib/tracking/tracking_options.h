@@ -57,7 +57,7 @@ struct RegistrationOptions {
   int live_radius_px = 7;
   int radius_px = 10;
   int max_iterations = 12;
-  double convergence_px = 0.01;
+  double convergence_px = 0.03;
   double min_live_ncc = 0.75;
   double min_ncc = 0.85;
   double max_live_scale = 1.35;
@@ -65,6 +65,7 @@ struct RegistrationOptions {
   double max_correction_px = 3.0;
   double max_sigma_px = 0.1;
   double max_misfit_px = 0.1;
+  double max_view_sigma_px = 0.06;
   double sigma_floor_px = 0.02;
   double noise_correlation = 4.0;
   double max_residual_noise = 2.0;
@@ -98,6 +99,9 @@ struct RegistrationOptions {
         "the reference view, are dropped");
     v.Field("max_misfit_px", &max_misfit_px, {0.001, 10},
             "the same for what of the uncertainty the image noise does not explain");
+    v.Field("max_view_sigma_px", &max_view_sigma_px, {0, 10},
+            "where the scale has changed too much for the reference view, a sighting more certain "
+            "than this takes its place for those beyond it; 0: none");
     v.Field("sigma_floor_px", &sigma_floor_px, {0, 1},
             "error of a registration that its residual does not show, added to its covariance");
     v.Field("noise_correlation", &noise_correlation, {1, 100},
@@ -130,7 +134,6 @@ struct NoisyImageOptions {
   double max_residual_noise = 1.1;
   double max_residual_contrast = 0.01;
   double max_part_shift_px = 0.8;
-  int min_observations = 4;
   double max_outlier_share = 0.05;
 
   void Visit(OptionVisitor& v) {
@@ -148,8 +151,6 @@ struct NoisyImageOptions {
             "registration.max_residual_contrast likewise");
     v.Field("max_part_shift_px", &max_part_shift_px, {0.05, 100},
             "registration.max_part_shift_px likewise");
-    v.Field("min_observations", &min_observations, {2, 1000},
-            "verification.min_observations likewise");
     v.Field("max_outlier_share", &max_outlier_share, {0, 1},
             "verification.max_outlier_share likewise");
   }
@@ -157,7 +158,7 @@ struct NoisyImageOptions {
 
 /// Which tracks are believed.
 struct VerificationOptions {
-  int min_observations = 3;
+  int min_observations = 4;
   double static_extent_px = 1.0;
   double min_neighbour_motion_px = 4.0;
   int frame_gap = 3;
