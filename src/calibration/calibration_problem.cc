@@ -1,12 +1,15 @@
 #include "scenecalib/calibration/calibration_problem.h"
 
 #include <ceres/ceres.h>
+#include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <utility>
 
 #include "problem_assembly.h"
+#include "term_views.h"
 
 namespace scenecalib {
 namespace {
@@ -16,15 +19,6 @@ double MedianAbsolute(std::vector<double>* values) {
   const auto middle = values->begin() + static_cast<std::ptrdiff_t>(values->size() / 2);
   std::nth_element(values->begin(), middle, values->end());
   return *middle;
-}
-
-bool EvaluateTerm(const std::vector<CameraParameters>& cameras,
-                  const TrajectoryCorrection& correction, const TransferTerm& term,
-                  Eigen::Vector2d* residual, TransferJacobians* jacobians) {
-  return EvaluateTransfer(term.source, cameras[term.source_camera],
-                          correction.At(term.source_place), term.target,
-                          cameras[term.target_camera], correction.At(term.target_place),
-                          term.plane_point_in_map_m, term.plane_normal_in_map, residual, jacobians);
 }
 
 }  // namespace
@@ -59,13 +53,14 @@ Result<SolveEvidence> CalibrationProblem::Solve() {
 
 int WhitenTerms(const std::vector<CameraParameters>& cameras,
                 const TrajectoryCorrection& correction, std::vector<TransferTerm>* terms) {
-  const std::size_t before = terms->size();
-  std::vector<TransferTerm> kept;
-  kept.reserve(before);
-  for (TransferTerm& term : *terms) {
+  const TermViews views(*terms);
+  const std::vector<ViewPose> poses = views.PosesAt(cameras, correction);
+  std::vector<char> is_good(terms->size(), 0);
+  tbb::parallel_for(std::size_t{0}, terms->size(), [&](std::size_t i) {
+    TransferTerm& term = (*terms)[i];
     Eigen::Vector2d residual;
-    TransferJacobians jacobians;
-    if (!EvaluateTerm(cameras, correction, term, &residual, &jacobians)) continue;
+    PoseJacobians jacobians;
+    if (!views.Evaluate(i, cameras, poses, &residual, &jacobians)) return;
     const Eigen::Matrix2d covariance = term.target_covariance_px2 +
                                        jacobians.by_source_pixel * term.source_covariance_px2 *
                                            jacobians.by_source_pixel.transpose() +
@@ -73,17 +68,25 @@ int WhitenTerms(const std::vector<CameraParameters>& cameras,
                                            jacobians.by_plane_offset *
                                            jacobians.by_plane_offset.transpose();
     const Eigen::LLT<Eigen::Matrix2d> llt(covariance);
-    if (llt.info() != Eigen::Success || !covariance.allFinite()) continue;
+    if (llt.info() != Eigen::Success || !covariance.allFinite()) return;
     term.whitening = llt.matrixL().solve(Eigen::Matrix2d::Identity());
-    kept.push_back(term);
+    is_good[i] = 1;
+  });
+  std::vector<TransferTerm> kept;
+  kept.reserve(terms->size());
+  for (std::size_t i = 0; i < terms->size(); ++i) {
+    if (is_good[i] != 0) kept.push_back((*terms)[i]);
   }
+  const auto num_dropped = static_cast<int>(terms->size() - kept.size());
   *terms = std::move(kept);
-  return static_cast<int>(before - terms->size());
+  return num_dropped;
 }
 
 std::vector<TrackResidual> EvaluateTracks(const std::vector<CameraParameters>& cameras,
                                           const TrajectoryCorrection& correction,
                                           const std::vector<TransferTerm>& terms) {
+  const TermViews views(terms);
+  const std::vector<ViewPose> poses = views.PosesAt(cameras, correction);
   std::vector<TrackResidual> tracks;
   for (std::size_t i = 0; i < terms.size(); ++i) {
     if (i == 0 || terms[i].track != terms[i - 1].track ||
@@ -93,36 +96,42 @@ std::vector<TrackResidual> EvaluateTracks(const std::vector<CameraParameters>& c
       track.valid = true;
       tracks.push_back(track);
     }
-    TrackResidual& track = tracks.back();
-    ++track.num_terms;
-    Eigen::Vector2d residual;
-    if (!EvaluateTerm(cameras, correction, terms[i], &residual, nullptr)) {
-      track.valid = false;
-      continue;
-    }
-    track.rms_px += residual.squaredNorm();
-    track.rms_whitened += (terms[i].whitening * residual).squaredNorm();
+    ++tracks.back().num_terms;
   }
-  for (TrackResidual& track : tracks) {
+  tbb::parallel_for(std::size_t{0}, tracks.size(), [&](std::size_t t) {
+    TrackResidual& track = tracks[t];
+    for (int i = track.first_term; i < track.first_term + track.num_terms; ++i) {
+      const auto term = static_cast<std::size_t>(i);
+      Eigen::Vector2d residual;
+      if (!views.Evaluate(term, cameras, poses, &residual, nullptr)) {
+        track.valid = false;
+        continue;
+      }
+      track.rms_px += residual.squaredNorm();
+      track.rms_whitened += (terms[term].whitening * residual).squaredNorm();
+    }
     track.rms_px = std::sqrt(track.rms_px / track.num_terms);
     // Per component, so that 1 is what the covariance promises.
     track.rms_whitened = std::sqrt(track.rms_whitened / (2.0 * track.num_terms));
-  }
+  });
   return tracks;
 }
 
 double RobustResidualSigma(const std::vector<CameraParameters>& cameras,
                            const TrajectoryCorrection& correction,
                            const std::vector<TransferTerm>& terms) {
-  std::vector<double> components;
-  components.reserve(2 * terms.size());
-  for (const TransferTerm& term : terms) {
+  const TermViews views(terms);
+  const std::vector<ViewPose> poses = views.PosesAt(cameras, correction);
+  constexpr double kNone = -1.0;
+  std::vector<double> components(2 * terms.size(), kNone);
+  tbb::parallel_for(std::size_t{0}, terms.size(), [&](std::size_t i) {
     Eigen::Vector2d residual;
-    if (!EvaluateTerm(cameras, correction, term, &residual, nullptr)) continue;
-    const Eigen::Vector2d whitened = term.whitening * residual;
-    components.push_back(std::abs(whitened.x()));
-    components.push_back(std::abs(whitened.y()));
-  }
+    if (!views.Evaluate(i, cameras, poses, &residual, nullptr)) return;
+    const Eigen::Vector2d whitened = terms[i].whitening * residual;
+    components[2 * i] = std::abs(whitened.x());
+    components[2 * i + 1] = std::abs(whitened.y());
+  });
+  components.erase(std::remove(components.begin(), components.end(), kNone), components.end());
   return 1.4826 * MedianAbsolute(&components);
 }
 

@@ -9,7 +9,6 @@
 #include <functional>
 #include <map>
 #include <tuple>
-#include <unordered_map>
 #include <utility>
 
 namespace scenecalib {
@@ -56,41 +55,6 @@ struct TermGroup::State {
   std::vector<ViewColumns> columns;  ///< empty unless derivatives are asked for
 };
 
-/// Finds the views of terms again.
-class TermGroup::ViewIndex {
- public:
-  explicit ViewIndex(std::vector<View>* views) : views_(*views) {}
-
-  int IndexOf(int camera, const TransferView& view, const TrajectoryCorrection::Place& place) {
-    std::vector<int>& candidates = by_hash_[Hash(camera, view)];
-    for (const int i : candidates) {
-      const View& other = views_[i];
-      if (other.camera == camera && other.place.index == place.index &&
-          other.place.fraction == place.fraction &&
-          other.view.map_from_lidar.translation == view.map_from_lidar.translation &&
-          other.view.map_from_lidar.rotation.coeffs() == view.map_from_lidar.rotation.coeffs() &&
-          other.view.twist_in_lidar == view.twist_in_lidar) {
-        return i;
-      }
-    }
-    candidates.push_back(static_cast<int>(views_.size()));
-    views_.push_back({camera, view, place});
-    return candidates.back();
-  }
-
- private:
-  static std::size_t Hash(int camera, const TransferView& view) {
-    std::size_t hash = static_cast<std::size_t>(camera);
-    for (int k = 0; k < 3; ++k) {
-      hash = hash * 1000003U ^ std::hash<double>()(view.map_from_lidar.translation[k]);
-    }
-    return hash;
-  }
-
-  std::vector<View>& views_;
-  std::unordered_map<std::size_t, std::vector<int>> by_hash_;
-};
-
 TermGroup::TermGroup(const CalibrationProblem& problem, const std::vector<int>& terms)
     : problem_(problem),
       camera_columns_(problem.cameras->size()),
@@ -120,7 +84,7 @@ TermGroup::TermGroup(const CalibrationProblem& problem, const std::vector<int>& 
   }
   // Blocks in a fixed order: cameras, then knots.
   std::vector<bool> has_camera(problem.cameras->size(), false);
-  for (const View& view : views_) has_camera[view.camera] = true;
+  for (const TermView& view : views_) has_camera[view.camera] = true;
   for (std::size_t c = 0; c < has_camera.size(); ++c) {
     if (has_camera[c]) AddCamera(static_cast<int>(c));
   }
@@ -147,7 +111,7 @@ void TermGroup::AddCamera(int camera) {
 
 void TermGroup::AddKnots() {
   std::vector<bool> has_knot(knot_columns_.size(), false);
-  for (const View& view : views_) {
+  for (const TermView& view : views_) {
     has_knot[view.place.index] = true;
     has_knot[view.place.index + 1] = true;
   }
@@ -182,7 +146,7 @@ TermGroup::State TermGroup::StateAt(double const* const* values, bool with_deriv
   };
   state.poses.reserve(views_.size());
   if (with_derivatives) state.columns.reserve(views_.size());
-  for (const View& view : views_) {
+  for (const TermView& view : views_) {
     Vector6d correction = Vector6d::Zero();
     if (!knots.empty()) {
       correction = (1.0 - view.place.fraction) * knot(view.place.index) +

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "scenecalib/calibration/calibration_problem.h"
+#include "term_views.h"
 #include "view_pair_sums.h"
 
 namespace scenecalib {
@@ -40,12 +41,6 @@ class TermGroup {
                 GroupEquations* equations) const;
 
  private:
-  /// What terms between two views share: the image's time and place.
-  struct View {
-    int camera = 0;
-    TransferView view;  ///< its pixel is not used
-    TrajectoryCorrection::Place place;
-  };
   /// What a term's evaluation reads, packed in the order in which it is read.
   struct Entry {
     Eigen::Vector2d source_pixel;
@@ -56,7 +51,6 @@ class TermGroup {
     int source = 0;             ///< index of its view
     int target = 0;
   };
-  class ViewIndex;
   struct State;
 
   int AddBlock(double* values, int size);
@@ -67,7 +61,7 @@ class TermGroup {
                      GroupEquations* equations) const;
 
   const CalibrationProblem& problem_;
-  std::vector<View> views_;
+  std::vector<TermView> views_;
   std::vector<Entry> entries_;  ///< in the order of their views
   std::vector<double*> blocks_;
   std::vector<int> block_sizes_;

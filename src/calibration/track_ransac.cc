@@ -6,9 +6,11 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include "scenecalib/base/random.h"
 #include "scenecalib/geometry/so3.h"
+#include "term_views.h"
 
 namespace scenecalib {
 namespace {
@@ -25,6 +27,7 @@ struct Sampler {
   const CalibrationProblem& problem;
   int camera;
   const std::vector<TrackResidual>& tracks;
+  const TermViews& views;
 
   bool Evaluate(const TransferTerm& term, const CameraParameters& parameters,
                 Eigen::Vector2d* residual, TransferJacobians* jacobians) const {
@@ -82,26 +85,37 @@ struct Sampler {
     return true;
   }
 
-  double TrackRms(const TrackResidual& track, const CameraParameters& parameters) const {
-    double sum = 0.0;
-    for (int i = 0; i < track.num_terms; ++i) {
-      const TransferTerm& term = problem.terms[track.first_term + i];
-      Eigen::Vector2d residual;
-      if (!Evaluate(term, parameters, &residual, nullptr)) {
-        return std::numeric_limits<double>::infinity();
+  /// Whitened RMSE of each of these tracks; infinite where one cannot be evaluated.
+  std::vector<double> TrackRmses(const std::vector<int>& of_tracks,
+                                 const CameraParameters& parameters) const {
+    std::vector<CameraParameters> cameras = *problem.cameras;
+    cameras[camera] = parameters;
+    const std::vector<ViewPose> poses = views.PosesAt(cameras, *problem.correction);
+    std::vector<double> rmses;
+    rmses.reserve(of_tracks.size());
+    for (const int t : of_tracks) {
+      const TrackResidual& track = tracks[t];
+      double sum = 0.0;
+      for (int i = track.first_term; i < track.first_term + track.num_terms; ++i) {
+        Eigen::Vector2d residual;
+        if (!views.Evaluate(static_cast<std::size_t>(i), cameras, poses, &residual, nullptr)) {
+          sum = std::numeric_limits<double>::infinity();
+          break;
+        }
+        sum += (problem.terms[i].whitening * residual).squaredNorm();
       }
-      sum += (term.whitening * residual).squaredNorm();
+      rmses.push_back(std::sqrt(sum / (2.0 * track.num_terms)));
     }
-    return std::sqrt(sum / (2.0 * track.num_terms));
+    return rmses;
   }
 
   /// Sum of truncated squared track RMSEs: lower is better.
   double Score(const std::vector<int>& scored, const CameraParameters& parameters,
                double threshold) const {
     double score = 0.0;
-    for (const int track : scored) {
-      const double rms = std::min(TrackRms(tracks[track], parameters), threshold);
-      score += rms * rms;
+    for (const double rms : TrackRmses(scored, parameters)) {
+      const double truncated = std::min(rms, threshold);
+      score += truncated * truncated;
     }
     return score;
   }
@@ -124,7 +138,8 @@ TrackRansacResult RansacTracks(const CalibrationProblem& problem, int camera,
                                const TrackRansacOptions& options, std::uint64_t seed) {
   const std::vector<TrackResidual> tracks =
       EvaluateTracks(*problem.cameras, *problem.correction, problem.terms);
-  const Sampler sampler{problem, camera, tracks};
+  const TermViews views(problem.terms);
+  const Sampler sampler{problem, camera, tracks, views};
   const Random random(seed);
   const int num_tracks = static_cast<int>(tracks.size());
 
@@ -152,8 +167,10 @@ TrackRansacResult RansacTracks(const CalibrationProblem& problem, int camera,
                        [](const Hypothesis& a, const Hypothesis& b) { return a.score < b.score; });
   result.camera = best->camera;
   result.from_sample = best != hypotheses.begin();
-  for (const TrackResidual& track : tracks) {
-    const bool inlier = sampler.TrackRms(track, result.camera) < result.threshold_whitened;
+  std::vector<int> all(tracks.size());
+  std::iota(all.begin(), all.end(), 0);
+  for (const double rms : sampler.TrackRmses(all, result.camera)) {
+    const bool inlier = rms < result.threshold_whitened;
     result.is_inlier.push_back(inlier);
     if (inlier) ++result.num_inliers;
   }

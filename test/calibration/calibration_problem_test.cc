@@ -1,34 +1,16 @@
 #include "scenecalib/calibration/calibration_problem.h"
 
-#include <gtest/gtest.h>
-
 #include <cmath>
+#include <map>
 
-#include "scenecalib/sensor/camera_factory.h"
+#include "calibration/downward_rig.h"
+#include "scenecalib/base/random.h"
 
 namespace scenecalib {
 namespace {
 
-/// A pinhole that looks straight down on the ground z = 0 from the heights of its views.
-class DownwardCamera : public ::testing::Test {
+class DownwardCamera : public testing::DownwardRig {
  protected:
-  DownwardCamera() {
-    CameraIntrinsics intrinsics;
-    intrinsics.model = "plumb_bob";
-    intrinsics.width_px = 1000;
-    intrinsics.height_px = 1000;
-    intrinsics.focal_px = {400.0, 400.0};
-    intrinsics.principal_point_px = {500.0, 500.0};
-    intrinsics.distortion = {0.0, 0.0, 0.0, 0.0, 0.0};
-    model_ = CreateCameraModel(intrinsics).value();
-    cameras_.resize(1);
-    cameras_[0].model = model_.get();
-    cameras_[0].intrinsics << 1.0, 500.0, 500.0;
-    Eigen::Matrix3d down;
-    down << 1, 0, 0, 0, -1, 0, 0, 0, -1;
-    cameras_[0].base_lidar_from_camera = Rigid3(Eigen::Quaterniond(down), Eigen::Vector3d::Zero());
-  }
-
   /// Both views see the ground below them; target.pixel is off by `error_px`.
   TransferTerm Term(double source_height_m, double target_height_m, double error_px) const {
     TransferTerm term;
@@ -40,8 +22,6 @@ class DownwardCamera : public ::testing::Test {
     return term;
   }
 
-  CameraModelPtr model_;
-  std::vector<CameraParameters> cameras_;
   TrajectoryCorrection no_correction_;
 };
 
@@ -76,6 +56,59 @@ TEST_F(DownwardCamera, SolvingWithoutTermsIsAnErrorAndNotASuccess) {
   problem.cameras = &cameras_;
   problem.correction = &no_correction_;
   EXPECT_EQ(problem.Solve().status().code(), Status::Code::kInsufficientData);
+}
+
+/// Ten seconds over a road 60 m long. Every term has the same error along x but for its sign:
+/// drawn for each term, or for each piece of 4 m of the road.
+class StatedDeviation : public testing::DownwardRig {
+ protected:
+  StatedDeviation() : correction_(0, AddSeconds(0, 10.0), 1.0) {}
+
+  /// Of the rotation, about the camera's axes: what such a road shows without any turn.
+  Eigen::Vector3d RotationOf(bool by_piece) {
+    constexpr double kErrorPx = 0.2;
+    Random random(9);
+    std::map<int, double> sign_of_piece;
+    for (int piece = -1; piece <= 16; ++piece) {
+      sign_of_piece[piece] = random.Uniform() < 0.5 ? -1.0 : 1.0;
+    }
+    CalibrationProblem problem;
+    problem.cameras = &cameras_;
+    problem.correction = &correction_;
+    problem.residual_sigma = kErrorPx;
+    problem.time_offset_s = {0.0};
+    problem.priors.resize(1);
+    problem.priors[0].initial_lidar_from_camera = cameras_[0].base_lidar_from_camera;
+    for (int i = 0; i < 4000; ++i) {
+      TransferTerm term;
+      term.track = i;
+      // Seen in any second: seconds alone do not tell the pieces apart.
+      term.target_stamp_ns = AddSeconds(0, random.Uniform(0.0, 9.9));
+      const Eigen::Vector3d point(random.Uniform(0.0, 60.0), random.Uniform(-1.0, 1.0), 0.0);
+      term.plane_point_in_map_m = point;
+      for (TransferView* view : {&term.source, &term.target}) {
+        view->map_from_lidar.translation = {point.x() + random.Uniform(-1.0, 1.0),
+                                            random.Uniform(-1.0, 1.0), random.Uniform(2.0, 3.0)};
+        // Always from below to above: an error turns the camera to the same side in all terms.
+        if (view == &term.target) view->map_from_lidar.translation.z() += 1.0;
+        view->pixel = See(cameras_[0], view->map_from_lidar.translation, point);
+      }
+      const double of_term = random.Uniform() < 0.5 ? -1.0 : 1.0;
+      const double sign =
+          by_piece ? sign_of_piece[static_cast<int>(std::floor(point.x() / 4.0))] : of_term;
+      term.target.pixel.x() += kErrorPx * sign;
+      problem.terms.push_back(term);
+    }
+    return problem.EstimateStddev().value()[0].rotation_rad;
+  }
+
+  TrajectoryCorrection correction_;
+};
+
+TEST_F(StatedDeviation, GrowsWhereThePiecesOfASurfaceErrAsOne) {
+  const Eigen::Vector3d independent = RotationOf(false);
+  const Eigen::Vector3d by_piece = RotationOf(true);
+  EXPECT_GT(by_piece.y(), 3.0 * independent.y());
 }
 
 }  // namespace

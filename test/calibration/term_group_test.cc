@@ -1,38 +1,16 @@
 #include "../../src/calibration/term_group.h"
 
-#include <gtest/gtest.h>
-
-#include <Eigen/Geometry>
-
+#include "calibration/downward_rig.h"
 #include "scenecalib/base/random.h"
-#include "scenecalib/geometry/so3.h"
-#include "scenecalib/sensor/camera_factory.h"
 
 namespace scenecalib {
 namespace {
 
 /// Two cameras that look down on the ground z = 0 from a lidar 10 m above it, which moves along x
 /// for three seconds.
-class TermGroupTest : public ::testing::Test {
+class TermGroupTest : public testing::DownwardRig {
  protected:
-  TermGroupTest() : correction_(0, AddSeconds(0, 3.0), 0.5) {
-    CameraIntrinsics intrinsics;
-    intrinsics.model = "plumb_bob";
-    intrinsics.width_px = 1000;
-    intrinsics.height_px = 1000;
-    intrinsics.focal_px = {400.0, 400.0};
-    intrinsics.principal_point_px = {500.0, 500.0};
-    intrinsics.distortion = {0.0, 0.0, 0.0, 0.0, 0.0};
-    model_ = CreateCameraModel(intrinsics).value();
-    Eigen::Matrix3d down;
-    down << 1, 0, 0, 0, -1, 0, 0, 0, -1;
-    for (int c = 0; c < 2; ++c) {
-      CameraParameters camera;
-      camera.model = model_.get();
-      camera.intrinsics << 1.0, 500.0, 500.0;
-      camera.base_lidar_from_camera = Rigid3(Eigen::Quaterniond(down), {0.2 * c, 0.0, 0.0});
-      cameras_.push_back(camera);
-    }
+  TermGroupTest() : DownwardRig(2), correction_(0, AddSeconds(0, 3.0), 0.5) {
     problem_.cameras = &cameras_;
     problem_.correction = &correction_;
     problem_.free.intrinsics = true;
@@ -74,8 +52,6 @@ class TermGroupTest : public ::testing::Test {
     return equations.cost;
   }
 
-  CameraModelPtr model_;
-  std::vector<CameraParameters> cameras_;
   TrajectoryCorrection correction_;
   CalibrationProblem problem_;
 };
