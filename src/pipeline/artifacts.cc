@@ -1,5 +1,9 @@
 #include "scenecalib/pipeline/artifacts.h"
 
+#include <tbb/parallel_for.h>
+#include <tbb/parallel_invoke.h>
+
+#include <algorithm>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
@@ -34,19 +38,32 @@ Status WriteText(const fs::path& path, const std::string& text) {
   return file ? Status::Ok() : Status::Unavailable("cannot write " + path.string());
 }
 
+Status FirstError(const std::vector<Status>& statuses) {
+  const auto error = std::find_if(statuses.begin(), statuses.end(),
+                                  [](const Status& status) { return !status.ok(); });
+  return error == statuses.end() ? Status::Ok() : *error;
+}
+
 Status WriteOverlays(const fs::path& directory, const std::vector<CameraOverlays>& overlays) {
   std::error_code error;
   fs::create_directories(directory, error);
-  for (const CameraOverlays& camera : overlays) {
-    for (const bool is_after : {false, true}) {
-      const fs::path path = directory / (camera.camera + (is_after ? "_after.png" : "_before.png"));
-      if (!cv::imwrite(path.string(), is_after ? camera.after : camera.before,
-                       {cv::IMWRITE_PNG_COMPRESSION, 1})) {
-        return Status::Unavailable("cannot write " + path.string());
-      }
+  std::vector<Status> statuses(2 * overlays.size());
+  tbb::parallel_for(std::size_t{0}, statuses.size(), [&](std::size_t i) {
+    const CameraOverlays& camera = overlays[i / 2];
+    const bool is_after = i % 2 == 1;
+    const fs::path path = directory / (camera.camera + (is_after ? "_after.png" : "_before.png"));
+    if (!cv::imwrite(path.string(), is_after ? camera.after : camera.before,
+                     {cv::IMWRITE_PNG_COMPRESSION, 1})) {
+      statuses[i] = Status::Unavailable("cannot write " + path.string());
     }
-  }
-  return Status::Ok();
+  });
+  return FirstError(statuses);
+}
+
+Status WriteMap(const fs::path& directory, const SceneMap& map) {
+  SCENECALIB_RETURN_IF_ERROR(
+      WritePly((directory / "ground.ply").string(), map.ground, PlyFormat::kBinary));
+  return WritePly((directory / "surfels.ply").string(), map.surfels, PlyFormat::kBinary);
 }
 
 Status WriteReport(const fs::path& directory, const PipelineResult& result,
@@ -60,19 +77,21 @@ Status WriteReport(const fs::path& directory, const PipelineResult& result,
 
 Status WriteAll(const fs::path& directory, const PipelineResult& result,
                 const std::string& report) {
-  SCENECALIB_RETURN_IF_ERROR(WriteTrajectoryTum((directory / "trajectory.tum").string(),
-                                                result.mapping.map.map_from_lidar));
-  SCENECALIB_RETURN_IF_ERROR(WriteText(directory / "report.txt", report));
   const SceneMap& map = result.mapping.map;
-  SCENECALIB_RETURN_IF_ERROR(
-      WritePly((directory / "ground.ply").string(), map.ground, PlyFormat::kBinary));
-  SCENECALIB_RETURN_IF_ERROR(
-      WritePly((directory / "surfels.ply").string(), map.surfels, PlyFormat::kBinary));
   const Result<std::vector<CameraOverlays>> overlays = DrawOverlays(
       result.initial_rig, result.calibration.result.rig, map, result.segments, kImagesPerOverlay);
   if (!overlays.ok()) return overlays.status();
-  SCENECALIB_RETURN_IF_ERROR(WriteOverlays(directory / "overlays", *overlays));
-  SCENECALIB_RETURN_IF_ERROR(WriteReport(directory / "report", result, *overlays));
+  std::vector<Status> statuses(4);
+  tbb::parallel_invoke(
+      [&] {
+        statuses[0] =
+            WriteTrajectoryTum((directory / "trajectory.tum").string(), map.map_from_lidar);
+        if (statuses[0].ok()) statuses[0] = WriteText(directory / "report.txt", report);
+      },
+      [&] { statuses[1] = WriteMap(directory, map); },
+      [&] { statuses[2] = WriteOverlays(directory / "overlays", *overlays); },
+      [&] { statuses[3] = WriteReport(directory / "report", result, *overlays); });
+  SCENECALIB_RETURN_IF_ERROR(FirstError(statuses));
   return WriteCalibration((directory / "calibration.yaml").string(), result.calibration.result);
 }
 

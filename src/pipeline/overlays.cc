@@ -89,16 +89,20 @@ std::vector<int> ColourMap(const Rig& calibrated, const SceneMap& map,
   for (std::size_t i = 0; i < segments.size(); ++i) {
     const CameraConfig& camera = calibrated.cameras[i];
     if (!camera.model) continue;
-    for (const PlacedImage& image : PickImages(camera, map, segments[i], max_images)) {
-      const Rigid3 camera_from_map = (image.map_from_lidar * camera.lidar_from_camera).Inverse();
-      for (const VisiblePoint& seen :
-           FindVisiblePoints(*camera.model, map.points, camera_from_map, options)) {
+    const std::vector<PlacedImage> images = PickImages(camera, map, segments[i], max_images);
+    std::vector<std::vector<VisiblePoint>> visible(images.size());
+    tbb::parallel_for(std::size_t{0}, images.size(), [&](std::size_t k) {
+      const Rigid3 map_from_camera = images[k].map_from_lidar * camera.lidar_from_camera;
+      visible[k] = FindVisiblePoints(*camera.model, map.points, map_from_camera.Inverse(), options);
+    });
+    for (std::size_t k = 0; k < images.size(); ++k) {
+      for (const VisiblePoint& seen : visible[k]) {
         if (seen.range_m >= range_m[seen.index]) continue;
         const cv::Point pixel(static_cast<int>(std::lround(seen.pixel.x())),
                               static_cast<int>(std::lround(seen.pixel.y())));
-        if (!cv::Rect(cv::Point(), image.pixels.size()).contains(pixel)) continue;
+        if (!cv::Rect(cv::Point(), images[k].pixels.size()).contains(pixel)) continue;
         range_m[seen.index] = seen.range_m;
-        colours[seen.index] = PackedColour(image.pixels, pixel);
+        colours[seen.index] = PackedColour(images[k].pixels, pixel);
       }
     }
   }
