@@ -13,7 +13,7 @@ namespace {
 constexpr int kPictureWidth_px = 900;
 constexpr int kImagesShown = 2;  // of those one below the other in an overlay
 constexpr int kJpegQuality = 82;
-constexpr int kImagesPerCameraForColour = 12;
+constexpr int kImagesPerCameraForColour = 8;
 
 template <typename... Args>
 std::string Format(const char* format, Args... args) {
