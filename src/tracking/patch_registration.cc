@@ -35,7 +35,7 @@ constexpr double kMinPivot = 1e-4;
 /// small patch has too few of them.
 constexpr double kCoarseStepPx = 0.1;
 constexpr int kCoarseStride = 2;
-constexpr int kMinCoarseRadiusPx = 6;
+constexpr int kMinCoarseRadiusPx = 9;
 
 /// Shrinkage of an axis from one of ReferencePatch's blurs to the next.
 constexpr double kBlurRatio = 1.35;

@@ -19,7 +19,7 @@ namespace {
 /// Noise that reading through the B-spline kernel leaves, as a share of the pixels' own.
 constexpr double kSmoothedNoise = 0.5;
 
-constexpr double kPartConvergencePx = 0.1;
+constexpr double kPartConvergencePx = 0.03;
 
 /// Share of the correlation asked for that a registration must have reached after some iterations.
 constexpr double kHopelessNcc = 0.6;

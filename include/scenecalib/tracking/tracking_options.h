@@ -134,6 +134,7 @@ struct NoisyImageOptions {
   double max_residual_noise = 1.1;
   double max_residual_contrast = 0.01;
   double max_part_shift_px = 0.8;
+  int min_observations = 4;
   double max_outlier_share = 0.05;
 
   void Visit(OptionVisitor& v) {
@@ -151,6 +152,8 @@ struct NoisyImageOptions {
             "registration.max_residual_contrast likewise");
     v.Field("max_part_shift_px", &max_part_shift_px, {0.05, 100},
             "registration.max_part_shift_px likewise");
+    v.Field("min_observations", &min_observations, {2, 1000},
+            "verification.min_observations likewise");
     v.Field("max_outlier_share", &max_outlier_share, {0, 1},
             "verification.max_outlier_share likewise");
   }
@@ -158,7 +161,7 @@ struct NoisyImageOptions {
 
 /// Which tracks are believed.
 struct VerificationOptions {
-  int min_observations = 4;
+  int min_observations = 3;
   double static_extent_px = 1.0;
   double min_neighbour_motion_px = 4.0;
   int frame_gap = 3;
