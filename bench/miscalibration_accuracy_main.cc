@@ -11,6 +11,7 @@
 #include "scenecalib/evaluation/rate_table.h"
 #include "scenecalib/evaluation/rig_comparison.h"
 #include "scenecalib/geometry/so3.h"
+#include "scenecalib/io/options_yaml.h"
 #include "scenecalib/pipeline/calibration_pipeline.h"
 
 namespace scenecalib {
@@ -21,11 +22,12 @@ struct Arguments {
                                      "industrial", "avenue", "village"};
   std::vector<int> seeds = {1};
   DriveSpec drive;
+  std::string config;
   bool perturb = false;
 };
 
-Result<PipelineResult> Run(const SimulatedDrive& drive, const Rig& initial) {
-  PipelineOptions options;
+Result<PipelineResult> Run(const SimulatedDrive& drive, const Rig& initial,
+                           const PipelineOptions& options) {
   Result<CalibrationPipeline> pipeline = CalibrationPipeline::Create(initial, options);
   if (!pipeline.ok()) return pipeline.status();
   for (const ImuSample& sample : drive.imu()) pipeline->AddImu(sample);
@@ -47,14 +49,16 @@ std::vector<double> ByAxis(const MiscalibrationRate& rate) {
 
 using Rates = std::vector<std::optional<MiscalibrationRate>>;
 
-Result<std::vector<Rates>> RatesOf(const std::vector<Rig>& rigs, const PipelineResult& result) {
+Result<std::vector<Rates>> RatesOf(const std::vector<Rig>& rigs, const PipelineResult& result,
+                                   const MiscalibrationOptions& options) {
   std::vector<const std::map<Timestamp, cv::Mat>*> images;
   for (const CameraSegment& segment : result.segments) images.push_back(&segment.images);
-  return ComputeMiscalibrationRates(rigs, result.mapping.map, images, MiscalibrationOptions());
+  return ComputeMiscalibrationRates(rigs, result.mapping.map, images, options);
 }
 
 /// One camera's axis off by 1 cm or 0.1 degrees: how every axis' rate changes.
-Status Perturb(const Rig& truth, const Rates& of_truth, const PipelineResult& result) {
+Status Perturb(const Rig& truth, const Rates& of_truth, const PipelineResult& result,
+               const MiscalibrationOptions& options) {
   static const char* const kAxes[] = {"x", "y", "z", "pitch", "yaw", "roll"};
   std::vector<Rig> rigs;
   for (std::size_t c = 0; c < truth.cameras.size(); ++c) {
@@ -69,7 +73,7 @@ Status Perturb(const Rig& truth, const Rates& of_truth, const PipelineResult& re
       rigs.push_back(rig);
     }
   }
-  const Result<std::vector<Rates>> rates = RatesOf(rigs, result);
+  const Result<std::vector<Rates>> rates = RatesOf(rigs, result, options);
   if (!rates.ok()) return rates.status();
   for (std::size_t i = 0; i < rigs.size(); ++i) {
     const std::size_t c = i / 6;
@@ -103,13 +107,18 @@ Status PrintErrors(const Rig& truth, const CalibrationResult& result) {
 }
 
 Status Measure(const Arguments& arguments, const DriveSpec& spec) {
+  PipelineOptions options;
+  if (!arguments.config.empty()) {
+    SCENECALIB_RETURN_IF_ERROR(ReadOptionsYaml(arguments.config, &options));
+  }
   const Result<SimulatedDrive> drive = SimulatedDrive::Create(spec);
   if (!drive.ok()) return drive.status();
   const Result<Rig> initial = drive->simulator().PerturbedRig();
   if (!initial.ok()) return initial.status();
-  const Result<PipelineResult> result = Run(*drive, *initial);
+  const Result<PipelineResult> result = Run(*drive, *initial, options);
   if (!result.ok()) return result.status();
-  const Result<std::vector<Rates>> of_truth = RatesOf({drive->rig()}, *result);
+  const Result<std::vector<Rates>> of_truth =
+      RatesOf({drive->rig()}, *result, options.miscalibration);
   if (!of_truth.ok()) return of_truth.status();
   Rates before;
   Rates after;
@@ -123,7 +132,9 @@ Status Measure(const Arguments& arguments, const DriveSpec& spec) {
                   .c_str());
   SCENECALIB_RETURN_IF_ERROR(PrintErrors(drive->rig(), result->calibration.result));
   std::fflush(stdout);
-  return arguments.perturb ? Perturb(drive->rig(), of_truth->front(), *result) : Status::Ok();
+  return arguments.perturb
+             ? Perturb(drive->rig(), of_truth->front(), *result, options.miscalibration)
+             : Status::Ok();
 }
 
 }  // namespace
@@ -137,6 +148,7 @@ int main(int argc, char** argv) {
   app.add_option("--rig", arguments.drive.rig, "rig file (default: the built-in rig)");
   app.add_option("--duration", arguments.drive.duration_s, "seconds");
   app.add_option("--cache", arguments.drive.cache_directory, "directory to keep the drives in");
+  app.add_option("--config", arguments.config, "options of the pipeline, YAML");
   app.add_flag("--perturb", arguments.perturb, "put the truth's axes off one by one");
   CLI11_PARSE(app, argc, argv);
   for (const std::string& world : arguments.worlds) {
