@@ -96,6 +96,34 @@ void Judge(const Rigid3& initial, const StudyOptions& options, StudyCamera* came
   camera->spread_m = (sum_m2 / camera->num_success).cwiseSqrt();
 }
 
+std::vector<StudyCamera> Judged(std::vector<StudyCamera> cameras, const Rig& rig,
+                                const StudyOptions& options) {
+  for (std::size_t c = 0; c < cameras.size(); ++c) {
+    Judge(rig.cameras[c].lidar_from_camera, options, &cameras[c]);
+  }
+  return cameras;
+}
+
+/// Calibrates from one start and notes where it took the cameras.
+void AddStart(const Rig& rig, const Rig& initial, const PipelineResult& prepared,
+              const CalibrationOptions& calibration, std::vector<StudyCamera>* cameras) {
+  MiscalibrationOptions no_rates;
+  no_rates.num_times = 0;
+  const Result<RigCalibration> result =
+      CalibrateSegments(initial, prepared.mapping.map, prepared.segments, prepared.refusals,
+                        calibration, no_rates, {});
+  for (std::size_t c = 0; c < cameras->size(); ++c) {
+    const Rigid3 error =
+        rig.cameras[c].lidar_from_camera.Inverse() * initial.cameras[c].lidar_from_camera;
+    StudyCameraOutcome outcome;
+    outcome.start_deg = kDegreesPerRadian * LogSo3(error.rotation).norm();
+    outcome.start_m = error.translation.norm();
+    outcome.accepted = result.ok() && result->result.cameras[c].accepted;
+    if (result.ok()) outcome.lidar_from_camera = result->result.rig.cameras[c].lidar_from_camera;
+    (*cameras)[c].outcomes.push_back(outcome);
+  }
+}
+
 struct StudyBin {
   double largest_deg = 0.0;
   double largest_m = 0.0;
@@ -118,40 +146,25 @@ std::vector<StudyBin> BinsOf(const StudyCamera& camera) {
 
 }  // namespace
 
-Result<std::vector<StudyCamera>> RunStudy(const Rig& rig, const PipelineResult& prepared,
-                                          const CalibrationOptions& calibration,
-                                          const StudyOptions& options,
-                                          const ProgressCallback& progress) {
+Result<std::vector<StudyCamera>> RunStudy(
+    const Rig& rig, const PipelineResult& prepared, const CalibrationOptions& calibration,
+    const StudyOptions& options, const ProgressCallback& progress,
+    const std::function<Status(const std::vector<StudyCamera>&)>& each_start) {
   SCENECALIB_RETURN_IF_ERROR(CheckOptions(options));
-  MiscalibrationOptions no_rates;
-  no_rates.num_times = 0;
-  std::vector<StudyCamera> cameras(rig.cameras.size());
-  for (std::size_t c = 0; c < cameras.size(); ++c) cameras[c].name = rig.cameras[c].name;
+  std::vector<StudyCamera> unjudged(rig.cameras.size());
+  for (std::size_t c = 0; c < unjudged.size(); ++c) unjudged[c].name = rig.cameras[c].name;
   for (int start = 0; start < options.starts; ++start) {
     if (!ReportProgress(progress, "study", static_cast<double>(start) / options.starts)) {
       return Status::Cancelled("study cancelled");
     }
-    const Rig initial = StartOf(rig, start, options);
-    const Result<RigCalibration> result =
-        CalibrateSegments(initial, prepared.mapping.map, prepared.segments, prepared.refusals,
-                          calibration, no_rates, {});
-    for (std::size_t c = 0; c < cameras.size(); ++c) {
-      const Rigid3 error =
-          rig.cameras[c].lidar_from_camera.Inverse() * initial.cameras[c].lidar_from_camera;
-      StudyCameraOutcome outcome;
-      outcome.start_deg = kDegreesPerRadian * LogSo3(error.rotation).norm();
-      outcome.start_m = error.translation.norm();
-      outcome.accepted = result.ok() && result->result.cameras[c].accepted;
-      if (result.ok()) outcome.lidar_from_camera = result->result.rig.cameras[c].lidar_from_camera;
-      cameras[c].outcomes.push_back(outcome);
-    }
+    AddStart(rig, StartOf(rig, start, options), prepared, calibration, &unjudged);
+    if (each_start) SCENECALIB_RETURN_IF_ERROR(each_start(Judged(unjudged, rig, options)));
   }
   ReportProgress(progress, "study", 1.0);
-  bool any = false;
-  for (std::size_t c = 0; c < cameras.size(); ++c) {
-    Judge(rig.cameras[c].lidar_from_camera, options, &cameras[c]);
-    any |= cameras[c].num_success + cameras[c].num_accepted_elsewhere > 0;
-  }
+  const std::vector<StudyCamera> cameras = Judged(unjudged, rig, options);
+  const bool any = std::any_of(cameras.begin(), cameras.end(), [](const StudyCamera& camera) {
+    return camera.num_success + camera.num_accepted_elsewhere > 0;
+  });
   if (!any) return Status::InsufficientData("no start could be calibrated, see calibrate_bag");
   return cameras;
 }

@@ -13,24 +13,29 @@
 namespace scenecalib {
 namespace {
 
+Status Write(const std::string& directory, const std::vector<StudyCamera>& cameras) {
+  std::error_code error;
+  std::filesystem::create_directories(directory, error);
+  SCENECALIB_RETURN_IF_ERROR(
+      WriteFileAtomically(directory + "/study.csv", FormatStudyCsv(cameras)));
+  return WriteFileAtomically(directory + "/study.html", FormatStudyPage(cameras));
+}
+
 Result<int> Study(const RecordingArguments& arguments, const StudyOptions& options) {
   SCENECALIB_RETURN_IF_ERROR(CheckOptions(options));
   TerminalProgress terminal;
   const ProgressCallback progress = [&terminal](const Progress& p) { return terminal(p); };
   const Result<PreparedRecording> recording = PrepareRecording(arguments, progress);
   if (!recording.ok()) return recording.status();
+  // Written after every start: a study takes long, and one that is stopped has said something.
+  const auto write = [&arguments](const std::vector<StudyCamera>& cameras) {
+    return arguments.output.empty() ? Status::Ok() : Write(arguments.output, cameras);
+  };
   const auto cameras = RunStudy(recording->rigs.front(), recording->prepared,
-                                recording->options.calibration, options, progress);
+                                recording->options.calibration, options, progress, write);
   if (!cameras.ok()) return cameras.status();
   std::printf("\n%s", FormatStudy(*cameras).c_str());
-  if (arguments.output.empty()) return 0;
-  std::error_code error;
-  std::filesystem::create_directories(arguments.output, error);
-  SCENECALIB_RETURN_IF_ERROR(
-      WriteFileAtomically(arguments.output + "/study.csv", FormatStudyCsv(*cameras)));
-  SCENECALIB_RETURN_IF_ERROR(
-      WriteFileAtomically(arguments.output + "/study.html", FormatStudyPage(*cameras)));
-  std::printf("written to %s\n", arguments.output.c_str());
+  if (!arguments.output.empty()) std::printf("written to %s\n", arguments.output.c_str());
   return 0;
 }
 

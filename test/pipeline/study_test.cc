@@ -49,6 +49,29 @@ TEST_F(Study, StartsOfGrowingErrorEndInOnePlace) {
   EXPECT_NE(FormatStudyPage(*cameras).find("<svg"), std::string::npos);
 }
 
+TEST_F(Study, TellsAfterEveryStartWhatIsKnownByThen) {
+  std::vector<std::vector<StudyCamera>> told;
+  const auto cameras = RunStudy(scene_.rig, prepared_, calibration_, options_, {},
+                                [&told](const std::vector<StudyCamera>& so_far) {
+                                  told.push_back(so_far);
+                                  return Status::Ok();
+                                });
+  ASSERT_TRUE(cameras.ok()) << cameras.status().message();
+  ASSERT_EQ(told.size(), 5u);
+  for (std::size_t i = 0; i < told.size(); ++i) {
+    EXPECT_EQ(told[i][0].outcomes.size(), i + 1);
+    EXPECT_EQ(told[i][0].num_success, static_cast<int>(i) + 1);
+  }
+  EXPECT_EQ(FormatStudyCsv(told.back()), FormatStudyCsv(*cameras));
+}
+
+TEST_F(Study, EndsWhenItCannotBeWritten) {
+  const auto cameras =
+      RunStudy(scene_.rig, prepared_, calibration_, options_, {},
+               [](const std::vector<StudyCamera>&) { return Status::Unavailable("disk full"); });
+  EXPECT_EQ(cameras.status().message(), "disk full");
+}
+
 TEST_F(Study, CountsWhatIsAcceptedElsewhere) {
   options_.success_m = 1e-5;  // no two results are that equal
   const auto cameras = RunStudy(scene_.rig, prepared_, calibration_, options_, {});

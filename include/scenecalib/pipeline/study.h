@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -51,11 +52,12 @@ struct StudyCamera {
 /// Calibrates a prepared recording from `starts` initial rigs: the k-th is off by up to k / starts
 /// of the largest error on every axis, with random signs and shares, all cameras at once. Map and
 /// tracks are made once. The rig's own pose is the centre of the starts; the median of the accepted
-/// results is what they are judged by, so that no truth is needed.
-Result<std::vector<StudyCamera>> RunStudy(const Rig& rig, const PipelineResult& prepared,
-                                          const CalibrationOptions& calibration,
-                                          const StudyOptions& options,
-                                          const ProgressCallback& progress);
+/// results is what they are judged by, so that no truth is needed. `each_start`, where given, sees
+/// after every start what is known by then; an error that it returns ends the study.
+Result<std::vector<StudyCamera>> RunStudy(
+    const Rig& rig, const PipelineResult& prepared, const CalibrationOptions& calibration,
+    const StudyOptions& options, const ProgressCallback& progress,
+    const std::function<Status(const std::vector<StudyCamera>&)>& each_start = nullptr);
 
 /// Success by size of the initial error and the spread, for a terminal.
 std::string FormatStudy(const std::vector<StudyCamera>& cameras);
