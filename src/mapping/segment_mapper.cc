@@ -8,6 +8,7 @@
 #include <sstream>
 #include <utility>
 
+#include "airborne_returns.h"
 #include "pose_table.h"
 #include "scenecalib/geometry/so3.h"
 #include "scenecalib/mapping/pose_spline.h"
@@ -38,6 +39,19 @@ double PathLength(const std::vector<TimedPose>& poses) {
     last = pose.map_from_lidar.translation;
   }
   return length_m;
+}
+
+/// Median over some of the scans.
+double AirborneShare(const BufferedScans& scans) {
+  constexpr std::size_t kMaxScans = 15;
+  if (scans.empty()) return 0.0;
+  std::vector<double> shares(std::min(kMaxScans, scans.size()));
+  tbb::parallel_for(std::size_t{0}, shares.size(), [&](std::size_t i) {
+    shares[i] = AirborneShare(scans[i * scans.size() / shares.size()]->scan);
+  });
+  const auto middle = shares.begin() + static_cast<std::ptrdiff_t>(shares.size() / 2);
+  std::nth_element(shares.begin(), middle, shares.end());
+  return *middle;
 }
 
 /// The scans of the longest stretch over which tracking held.
@@ -351,6 +365,7 @@ Result<MappingResult> SegmentMapper::Impl::Build(const BufferedScans& used, Traj
   auto surfaces = BuildSurfaces(registered, options.surfaces, progress);
   if (!surfaces.ok()) return surfaces.status();
   report.num_scans_used = static_cast<int>(used.size());
+  report.airborne_share = AirborneShare(used);
   report.path_length_m = PathLength(trajectory.poses());
   report.num_points_moving = surfaces->num_points_moving;
   MappingResult result;

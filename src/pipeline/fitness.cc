@@ -88,6 +88,12 @@ std::string WhyUnfit(const CameraFitness& fitness, const FitnessOptions& options
 }
 
 Status CheckMapFitness(const MappingReport& report, const FitnessOptions& options) {
+  if (report.airborne_share > options.max_airborne_share) {
+    return Status::InsufficientData(Format(
+        "lidar: %.0f %% of the returns hang in the air near the sensor, limit %.0f %%: snow, "
+        "rain or dust: record in dry weather",
+        100.0 * report.airborne_share, 100.0 * options.max_airborne_share));
+  }
   if (report.path_length_m < options.min_path_length_m) {
     return Status::InsufficientData(
         Format("lidar: the vehicle did not move far enough (%.1f m, limit %.1f m): record while "

@@ -117,5 +117,19 @@ TEST(Fitness, AThickOrShortMapIsRefusedWithMeasureAndLimit) {
             std::string::npos);
 }
 
+TEST(Fitness, ReturnsThatHangInTheAirAreNamedAsSnow) {
+  MappingReport report;
+  report.path_length_m = 50.0;
+  report.thickness_after_m = 0.2;  // the map of it is bad as well
+  report.airborne_share = 0.16;
+  const Status status = CheckMapFitness(report, FitnessOptions());
+  EXPECT_EQ(status.code(), Status::Code::kInsufficientData);
+  EXPECT_NE(status.message().find("16 %"), std::string::npos);
+  EXPECT_NE(status.message().find("limit 12 %: snow"), std::string::npos);
+  report.thickness_after_m = 0.015;
+  report.airborne_share = 0.01;
+  EXPECT_TRUE(CheckMapFitness(report, FitnessOptions()).ok());
+}
+
 }  // namespace
 }  // namespace scenecalib

@@ -37,6 +37,7 @@ struct MappingReport {
   double thickness_before_m = 0.0;  ///< median surfel thickness with the odometry's trajectory
   double thickness_after_m = 0.0;   ///< the same after the batch refinement
   int num_points_moving = 0;        ///< removed as moving objects
+  double airborne_share = 0.0;      ///< of a typical scan's returns: snow, rain, dust
   std::vector<std::string> warnings;
 };
 
