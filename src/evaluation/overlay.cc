@@ -88,6 +88,20 @@ void PutText(const std::string& text, const cv::Point& origin, double scale, cv:
               thickness, cv::LINE_AA);
 }
 
+/// On a dark panel in the upper left corner: among dots nothing else can be read.
+void DrawCaption(const std::string& caption, cv::Mat* canvas) {
+  const double scale = std::max(0.8, canvas->rows / 750.0);
+  const int margin = static_cast<int>(12 * scale);
+  const int thickness = std::max(1, static_cast<int>(std::lround(1.6 * scale))) + 2;
+  const cv::Size size =
+      cv::getTextSize(caption, cv::FONT_HERSHEY_SIMPLEX, scale, thickness, nullptr);
+  const cv::Rect panel = cv::Rect(0, 0, size.width + 2 * margin, size.height + 2 * margin) &
+                         cv::Rect(0, 0, canvas->cols, canvas->rows);
+  cv::Mat background = (*canvas)(panel);
+  background.convertTo(background, -1, 0.25);
+  PutText(caption, {margin, margin + size.height}, scale, canvas);
+}
+
 /// Ranges worth a tick: 1, 2 and 5 times the powers of ten.
 std::vector<double> Ticks(const OverlayOptions& options) {
   std::vector<double> ticks;
@@ -222,8 +236,7 @@ Result<cv::Mat> DrawOverlay(const cv::Mat& image, const CameraConfig& camera,
            &canvas);
   DrawLegend(table, options, &canvas);
   if (!caption.empty()) {
-    const double scale = canvas.rows / 900.0;
-    PutText(caption, {static_cast<int>(20 * scale), static_cast<int>(40 * scale)}, scale, &canvas);
+    DrawCaption(caption, &canvas);
   }
   return canvas;
 }

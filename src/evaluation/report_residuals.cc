@@ -64,7 +64,7 @@ std::string ByRange(const ReportData& data) {
     }
     series.push_back(std::move(of_camera));
   }
-  return DrawChart(series, {"range, m", "residual RMS, px", false, false, true});
+  return DrawChart(series, {"range, m", "residual RMS, px", false, false, true, true});
 }
 
 std::string BySurface(const ReportData& data) {

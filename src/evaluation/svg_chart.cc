@@ -106,7 +106,8 @@ struct Scale {
 };
 
 bool Drawable(const Eigen::Vector2d& point, const ChartAxes& axes) {
-  return point.allFinite() && (!axes.logarithmic_y || point.y() > 0.0);
+  return point.allFinite() && (!axes.logarithmic_y || point.y() > 0.0) &&
+         (!axes.logarithmic_x || point.x() > 0.0);
 }
 
 /// False without any point.
@@ -129,6 +130,10 @@ bool FitScales(const std::vector<ChartSeries>& series, const ChartAxes& axes, Sc
     low.y() = std::min(low.y(), 0.0);
     high.y() += 0.08 * (high.y() - low.y());
   }
+  if (axes.logarithmic_x) {
+    low.x() *= 0.95;
+    high.x() *= 1.05;
+  }
   for (int k = 0; k < 2; ++k) {
     if (high[k] - low[k] > 1e-12) continue;
     const double room = std::max(0.5, 0.1 * std::abs(high[k]));
@@ -142,7 +147,7 @@ bool FitScales(const std::vector<ChartSeries>& series, const ChartAxes& axes, Sc
     low -= grow;
     high += grow;
   }
-  *x = {low.x(), high.x(), kLeft, kWidth - kRight, false};
+  *x = {low.x(), high.x(), kLeft, kWidth - kRight, axes.logarithmic_x};
   *y = {low.y(), high.y(), kHeight - kBottom, kTop, axes.logarithmic_y};
   return true;
 }
@@ -280,10 +285,13 @@ std::string DrawField(int width_px, int height_px, double cell_px,
   for (const FieldArrow& arrow : arrows) {
     const Eigen::Vector2d at = scale * arrow.at_px;
     const double shade = widest > 0.0 ? 0.55 * arrow.spread_px / widest : 0.0;
+    const Eigen::Vector2d frame(kWidth, height);
+    const Eigen::Vector2d low = (at.array() - 0.5 * edge).max(0.0);
+    const Eigen::Vector2d high = (at.array() + 0.5 * edge - 0.6).min(frame.array());
     svg += Format(
         "<rect x=\"%.1f\" y=\"%.1f\" width=\"%.1f\" height=\"%.1f\" fill=\"#d9772b\" "
         "fill-opacity=\"%.2f\"/>",
-        at.x() - 0.5 * edge, at.y() - 0.5 * edge, edge - 0.6, edge - 0.6, shade);
+        low.x(), low.y(), high.x() - low.x(), high.y() - low.y(), shade);
   }
   for (const FieldArrow& arrow : arrows) {
     if (!(longest > 0.0)) break;

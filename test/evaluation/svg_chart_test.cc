@@ -4,6 +4,8 @@
 
 #include <cmath>
 #include <limits>
+#include <string>
+#include <vector>
 
 namespace scenecalib {
 namespace {
@@ -34,6 +36,30 @@ TEST(SvgChart, LeavesOutWhatCannotBeDrawn) {
   EXPECT_EQ(Count(svg, "<circle"), 2);  // neither infinite, nor NaN, nor negative on a log scale
   EXPECT_EQ(Count(svg, "nan"), 0);
   EXPECT_EQ(Count(svg, "inf"), 0);
+}
+
+TEST(SvgChart, ALogarithmicAxisPutsEqualRatiosAtEqualDistances) {
+  ChartAxes axes{"x", "y"};
+  axes.logarithmic_x = true;
+  const std::string svg =
+      DrawChart({{"a", {{0.0, 1.0}, {1.0, 1.0}, {10.0, 2.0}, {100.0, 3.0}}, false}}, axes);
+  std::vector<double> at;
+  for (std::size_t i = svg.find("cx=\""); i != std::string::npos; i = svg.find("cx=\"", i + 1)) {
+    at.push_back(std::stod(svg.substr(i + 4)));
+  }
+  ASSERT_EQ(at.size(), 3u);                         // zero has no place
+  EXPECT_NEAR(at[1] - at[0], at[2] - at[1], 0.11);  // written to a tenth
+}
+
+TEST(SvgChart, CellsOfAFieldStayWithinTheImage) {
+  // The last row's middle is 2 px above the image's end, its half edge is 8.
+  const std::string svg = DrawField(64, 42, 16.0, {{{8.0, 40.0}, {0.1, 0.0}, 1.0}});
+  const std::string cell = svg.substr(svg.find("fill-opacity") - 90, 90);
+  const double y = std::stod(cell.substr(cell.find(" y=\"") + 4));
+  const double height = std::stod(cell.substr(cell.find(" height=\"") + 9));
+  const double image_height = 42.0 * 460.0 / 64.0;  // a chart is 460 units wide
+  EXPECT_GT(height, 0.0);
+  EXPECT_LE(y + height, image_height + 0.11);
 }
 
 TEST(SvgChart, SaysWhenThereIsNothingToDraw) {

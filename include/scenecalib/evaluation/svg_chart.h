@@ -19,6 +19,7 @@ struct ChartAxes {
   bool logarithmic_y = false;  ///< values that are not positive are left out
   bool equal_scale = false;    ///< a metre is as long upwards as sideways
   bool from_zero = true;       ///< y starts at zero (linear only)
+  bool logarithmic_x = false;  ///< values that are not positive are left out
 };
 
 /// An x-y chart as an <svg> element of 460 x 260 units that scales with its container. Points that
@@ -37,7 +38,8 @@ struct FieldArrow {
   double spread_px = 0.0;                               ///< RMS in the cell: the cell's shade
 };
 
-/// Arrows over a frame of the image's shape, the longest as long as a cell, shaded by spread.
+/// Arrows over a frame of the image's shape, the longest as long as a cell, shaded by spread. Cells
+/// that reach beyond the image are cut.
 std::string DrawField(int width_px, int height_px, double cell_px,
                       const std::vector<FieldArrow>& arrows);
 
