@@ -125,7 +125,7 @@ TEST(Fitness, ReturnsThatHangInTheAirAreNamedAsSnow) {
   const Status status = CheckMapFitness(report, FitnessOptions());
   EXPECT_EQ(status.code(), Status::Code::kInsufficientData);
   EXPECT_NE(status.message().find("16 %"), std::string::npos);
-  EXPECT_NE(status.message().find("limit 12 %: snow"), std::string::npos);
+  EXPECT_NE(status.message().find("limit 10 %: snow"), std::string::npos);
   report.thickness_after_m = 0.015;
   report.airborne_share = 0.01;
   EXPECT_TRUE(CheckMapFitness(report, FitnessOptions()).ok());

@@ -19,7 +19,7 @@ struct FitnessOptions {
   int min_tracks_per_image = 20;
   double min_track_length = 3.6;
   double max_surface_thickness_m = 0.08;
-  double max_airborne_share = 0.12;
+  double max_airborne_share = 0.1;
   double min_path_length_m = 3.0;
 
   void Visit(OptionVisitor& v) {
@@ -40,7 +40,7 @@ struct FitnessOptions {
     v.Field(
         "max_airborne_share", &max_airborne_share, {0.0, 1.0},
         "share of the lidar's returns that hang in the air near it: snow, rain or dust; without "
-        "any it is below 0.005, with flakes in a quarter of the beams 0.15");
+        "any it is below 0.006, with flakes in a quarter of the beams 0.12");
     v.Field("min_path_length_m", &min_path_length_m, {0.0, 1000.0},
             "distance driven; nothing shows the position of a camera on a vehicle that stands");
   }
