@@ -10,7 +10,7 @@
 #include <opencv2/imgproc.hpp>
 #include <utility>
 
-#include "scenecalib/tracking/feature_detector.h"
+#include "pixel_mask.h"
 #include "scenecalib/tracking/track_verification.h"
 
 namespace scenecalib {
@@ -55,24 +55,14 @@ cv::Mat MakeDomainMask(const CameraModel& model, const cv::Mat& seen, int margin
   return mask;
 }
 
-bool IsSet(const cv::Mat& mask, const Eigen::Vector2d& pixel) {
-  const auto x = std::lround(pixel.x());
-  const auto y = std::lround(pixel.y());
-  return x >= 0 && y >= 0 && x < mask.cols && y < mask.rows &&
-         mask.at<uchar>(static_cast<int>(y), static_cast<int>(x)) != 0;
-}
-
-cv::Point2f ToPoint(const Eigen::Vector2d& pixel) {
-  return {static_cast<float>(pixel.x()), static_cast<float>(pixel.y())};
-}
-
 }  // namespace
 
 LiveTracker::LiveTracker(CameraModelPtr model, const TrackingOptions& options, const cv::Mat& seen)
     : model_(std::move(model)),
       options_(options),
       domain_(MakeDomainMask(*model_, seen, options_.registration.live_radius_px + 2)),
-      allowed_(domain_.clone()) {}
+      allowed_(domain_.clone()),
+      new_features_(options_.detection) {}
 
 FrameTracking LiveTracker::Add(const GrayImage& image) {
   FrameTracking frame;
@@ -200,7 +190,7 @@ void LiveTracker::Follow(const GrayImage& image, const FlowPyramid& pyramid, Fra
     is_extended[i] =
         Extend(image, predicted[i], options_.registration.min_live_ncc, &active_[i]) ? 1 : 0;
   });
-  LearnSurvival(pyramid, is_extended);
+  Learn(pyramid, is_extended);
   EstimateSceneFlow(is_extended);
   std::vector<char> is_kept = is_extended;
   for_each(active_.size(), [&](std::size_t i) {
@@ -379,75 +369,28 @@ void LiveTracker::RemoveFixed(FrameTracking* frame) {
   frame->num_rejected += EndOthers(is_kept, true);
 }
 
-/// Where new features are looked for in the reduced image: not on what is fixed to the vehicle, nor
-/// where a feature would be out of the image in the next one, were the motion to go on, nor where a
-/// patch was just found to straddle an edge.
-cv::Mat LiveTracker::DetectionMask(const FlowPyramid& pyramid) const {
-  constexpr int kCellsAcross = 24;
-  cv::Mat mask;
-  cv::resize(allowed_, mask, pyramid.base().size(), 0.0, 0.0, cv::INTER_NEAREST);
-  const double scale = pyramid.scale();
-  for (const ActiveTrack& track : active_) {
-    if (!track.straddles_edge) continue;
-    cv::circle(mask, ToPoint(track.place.pixel / scale),
-               static_cast<int>(options_.registration.live_radius_px / scale), cv::Scalar(0),
-               cv::FILLED);
-  }
-  if (!scene_flow_) return mask;
-  const int cell_px = std::max(8, mask.cols / kCellsAcross);
-  const int columns = (mask.cols + cell_px - 1) / cell_px;
-  const int rows = (mask.rows + cell_px - 1) / cell_px;
-  const cv::Rect whole(0, 0, mask.cols, mask.rows);
-  for (int cell = 0; cell < columns * rows; ++cell) {
-    const Eigen::Vector2d center =
-        scale * cell_px * Eigen::Vector2d(cell % columns + 0.5, cell / columns + 0.5);
-    if (!IsSet(domain_, center)) continue;
-    const auto step = scene_flow_->Predict(center);
-    if (step && IsSet(domain_, step->center_px)) continue;
-    const cv::Rect area(cell % columns * cell_px, cell / columns * cell_px, cell_px, cell_px);
-    mask(area & whole).setTo(0);
-  }
-  return mask;
-}
-
-DetectionOptions LiveTracker::ReducedDetection(const FlowPyramid& pyramid) const {
-  DetectionOptions reduced = options_.detection;
-  reduced.min_distance_px /= pyramid.scale();
-  reduced.bucket_px = static_cast<int>(std::lround(reduced.bucket_px / pyramid.scale()));
-  return reduced;
-}
-
-/// Where new features are lost at once (the near road, foliage, junctions of things at different
-/// depths) few are tried from then on, so that there is room for others.
-void LiveTracker::LearnSurvival(const FlowPyramid& pyramid, const std::vector<char>& is_extended) {
-  constexpr double kLearningRate = 0.06;
-  constexpr double kMinSurvival = 0.1;
-  const BucketGrid buckets(pyramid.base().size(), ReducedDetection(pyramid).bucket_px);
-  survival_.resize(buckets.size(), 1.0);
+void LiveTracker::Learn(const FlowPyramid& pyramid, const std::vector<char>& is_extended) {
+  std::vector<FeatureTrial> trials;
   for (std::size_t i = 0; i < active_.size(); ++i) {
     const auto& observations = active_[i].track.observations;
-    const std::size_t num_before = observations.size() - (is_extended[i] != 0 ? 1 : 0);
-    if (num_before != 1 || active_[i].num_missed > 0) continue;
-    const Eigen::Vector2d pixel = observations.front().pixel / pyramid.scale();
-    double& survival =
-        survival_[buckets.At(std::clamp(static_cast<int>(pixel.x()), 0, pyramid.base().cols - 1),
-                             std::clamp(static_cast<int>(pixel.y()), 0, pyramid.base().rows - 1))];
-    survival += kLearningRate * ((is_extended[i] != 0 ? 1.0 : 0.0) - survival);
-    survival = std::max(survival, kMinSurvival);
+    const bool is_followed = is_extended[i] != 0;
+    if (observations.size() - (is_followed ? 1 : 0) != 1 || active_[i].num_missed > 0) continue;
+    trials.push_back({observations.front().pixel, is_followed});
   }
+  new_features_.Learn(pyramid, trials);
 }
 
 void LiveTracker::Detect(const GrayImage& image, const FlowPyramid& pyramid, FrameTracking* frame) {
-  const double scale = pyramid.scale();
-  std::vector<Eigen::Vector2d> live;
-  live.reserve(active_.size());
+  FeatureSurroundings surroundings;
+  surroundings.domain = domain_;
+  surroundings.allowed = allowed_;
   for (const ActiveTrack& track : active_) {
-    if (track.num_missed == 0) live.push_back(track.place.pixel / scale);
+    if (track.num_missed == 0) surroundings.live.push_back(track.place.pixel);
+    if (track.straddles_edge) surroundings.avoided.push_back(track.place.pixel);
   }
-  for (const Eigen::Vector2d& found : DetectFeatures(pyramid.base(), DetectionMask(pyramid), live,
-                                                     ReducedDetection(pyramid), survival_)) {
-    const Eigen::Vector2d pixel = scale * found;
-    if (!IsSet(domain_, pixel)) continue;
+  surroundings.avoided_radius_px = options_.registration.live_radius_px;
+  if (scene_flow_) surroundings.flow = &*scene_flow_;
+  for (const Eigen::Vector2d& pixel : new_features_.Find(pyramid, surroundings)) {
     auto patch = PatchTemplate::Create(image.pixels, pixel, options_.registration.live_radius_px,
                                        WarpFreedom::kAffine, PatchReading::kBilinear);
     if (!patch) continue;

@@ -10,6 +10,7 @@
 #include "scenecalib/sensor/measurements.h"
 #include "scenecalib/tracking/image_flow.h"
 #include "scenecalib/tracking/image_quality.h"
+#include "scenecalib/tracking/new_features.h"
 #include "scenecalib/tracking/patch_registration.h"
 #include "scenecalib/tracking/reference_registration.h"
 #include "scenecalib/tracking/scene_flow.h"
@@ -73,12 +74,10 @@ class LiveTracker {
               ActiveTrack* active_track) const;
   bool FindAgain(const GrayImage& image, const FlowPyramid& pyramid,
                  ActiveTrack* active_track) const;
-  DetectionOptions ReducedDetection(const FlowPyramid& pyramid) const;
-  void LearnSurvival(const FlowPyramid& pyramid, const std::vector<char>& is_extended);
+  void Learn(const FlowPyramid& pyramid, const std::vector<char>& is_extended);
   void EstimateSceneFlow(const std::vector<char>& is_extended);
   void RemoveDuplicates(double scale, FrameTracking* frame);
   void RemoveFixed(FrameTracking* frame);
-  cv::Mat DetectionMask(const FlowPyramid& pyramid) const;
   void Detect(const GrayImage& image, const FlowPyramid& pyramid, FrameTracking* frame);
   /// Ends the tracks that are not kept; `forget` drops them altogether.
   int EndOthers(const std::vector<char>& is_kept, bool forget);
@@ -87,8 +86,7 @@ class LiveTracker {
   TrackingOptions options_;
   cv::Mat domain_;   ///< 255 where a whole patch sees the scene through the model
   cv::Mat allowed_;  ///< the same, without what was found to be fixed to the vehicle
-  /// Share of the new features of late that could be followed, by bucket of the reduced image.
-  std::vector<double> survival_;
+  NewFeatures new_features_;
   std::vector<ActiveTrack> active_;
   std::vector<LiveTrack> finished_;
   std::int64_t next_id_ = 0;

@@ -1,0 +1,80 @@
+#include "scenecalib/tracking/new_features.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "tracking/synthetic_scene.h"
+
+namespace scenecalib {
+namespace {
+
+constexpr int kWidth = 800;  // searched at half size
+constexpr int kHeight = 400;
+
+class NewFeaturesTest : public ::testing::Test {
+ protected:
+  NewFeaturesTest() {
+    options_.max_features = 150;
+    options_.bucket_px = 200;
+    options_.bucket_share = 2.0;
+    const testing::Texture texture(5, 12.0, 60.0);
+    pyramid_ = BuildFlowPyramid(testing::Render(kWidth, kHeight, texture), false, {});
+    surroundings_.domain = cv::Mat(kHeight, kWidth, CV_8UC1, cv::Scalar(255));
+    surroundings_.allowed = surroundings_.domain;
+  }
+
+  static int NumOnTheLeft(const std::vector<Eigen::Vector2d>& features) {
+    return static_cast<int>(
+        std::count_if(features.begin(), features.end(),
+                      [](const Eigen::Vector2d& pixel) { return pixel.x() < 0.5 * kWidth; }));
+  }
+
+  DetectionOptions options_;
+  FlowPyramid pyramid_;
+  FeatureSurroundings surroundings_;
+};
+
+TEST_F(NewFeaturesTest, ArePixelsOfTheFullImage) {
+  ASSERT_EQ(pyramid_.scale(), 2.0);
+  double right = 0.0;
+  for (const Eigen::Vector2d& pixel : NewFeatures(options_).Find(pyramid_, surroundings_)) {
+    right = std::max(right, pixel.x());
+  }
+  EXPECT_GT(right, 0.9 * kWidth);
+}
+
+TEST_F(NewFeaturesTest, KeepOffWhatIsFollowedFixedOrStraddlesAnEdge) {
+  surroundings_.allowed = surroundings_.domain.clone();
+  surroundings_.allowed(cv::Rect(0, 300, kWidth, 100)).setTo(0);
+  surroundings_.avoided = {{200.0, 150.0}};
+  surroundings_.avoided_radius_px = 60;
+  surroundings_.live = {{600.0, 150.0}};
+  const auto features = NewFeatures(options_).Find(pyramid_, surroundings_);
+  ASSERT_GT(features.size(), 50U);
+  for (const Eigen::Vector2d& pixel : features) {
+    EXPECT_LT(pixel.y(), 300.0);
+    EXPECT_GE((pixel - surroundings_.avoided[0]).norm(), 58.0);
+    EXPECT_GE((pixel - surroundings_.live[0]).norm(), options_.min_distance_px);
+  }
+}
+
+TEST_F(NewFeaturesTest, AreTriedLessWhereTheyWereLost) {
+  NewFeatures learner(options_);
+  const auto before = learner.Find(pyramid_, surroundings_);
+  for (int image = 0; image < 30; ++image) {
+    std::vector<FeatureTrial> trials;
+    for (const Eigen::Vector2d& pixel : before) {
+      trials.push_back({pixel, pixel.x() >= 0.5 * kWidth});
+    }
+    learner.Learn(pyramid_, trials);
+  }
+  const auto after = learner.Find(pyramid_, surroundings_);
+  EXPECT_LT(NumOnTheLeft(after), NumOnTheLeft(before) / 2);
+  EXPECT_GT(NumOnTheLeft(after), 0) << "a few are tried all the same";
+  EXPECT_GE(static_cast<int>(after.size()) - NumOnTheLeft(after),
+            static_cast<int>(before.size()) - NumOnTheLeft(before));
+}
+
+}  // namespace
+}  // namespace scenecalib
