@@ -28,9 +28,9 @@ struct StreamCheckOptions {
 
 /// Every stage's options in one: the keys of the configuration file.
 struct PipelineOptions {
-  /// More than a calibration gains by: half as many give the same result to a few thousandths of
-  /// a degree (docs/accuracy.md).
-  static constexpr int kMaxTracks = 3000;
+  /// A calibration takes joint.max_tracks_per_camera tracks: some more are measured, so that
+  /// verification and the held-out part leave enough.
+  static constexpr int kMaxTracks = 4500;
 
   PipelineOptions() { tracking.registration.max_tracks = kMaxTracks; }
 
