@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "lens_misfit.h"
 #include "problem_assembly.h"
 #include "scenecalib/calibration/calibration_problem.h"
 #include "term_group.h"
@@ -183,9 +184,22 @@ CameraStddev StddevOf(std::initializer_list<CameraMatrix> covariances) {
   return stddev;
 }
 
+/// Errors of the parameters by those of the lenses, of which `response` tells how the parameters
+/// follow them: lenses that follow the data are as uncertain as it is, the others are off by what
+/// the data says beyond chance.
+Eigen::MatrixXd ErrorsByLenses(const LensEstimate& lenses, bool lenses_follow) {
+  if (lenses_follow) return lenses.covariance;
+  Eigen::VectorXd excess(static_cast<Eigen::Index>(lenses.lenses.size()));
+  for (Eigen::Index i = 0; i < excess.size(); ++i) {
+    const RadialMisfit& lens = lenses.lenses[static_cast<std::size_t>(i)];
+    excess[i] = std::max(0.0, lens.change * lens.change - lens.stddev * lens.stddev);
+  }
+  return excess.asDiagonal();
+}
+
 }  // namespace
 
-Result<std::vector<CameraStddev>> CalibrationProblem::EstimateStddev() const {
+Result<CalibrationUncertainty> CalibrationProblem::EstimateUncertainty() const {
   const AssembledProblem assembled = AssembleProblem(*this);
   const std::map<const double*, Eigen::Index> first_columns = FirstColumns(assembled);
   SparseMatrix prior;
@@ -205,7 +219,13 @@ Result<std::vector<CameraStddev>> CalibrationProblem::EstimateStddev() const {
   const std::vector<SurfaceScore> surface_scores = ScoresOfSurfaces(*this, first_columns);
   const SparseMatrix prior_spread = SpreadOfPriors(*this, prior, first_columns);
 
-  std::vector<CameraStddev> result(cameras->size());
+  const LensEstimate lenses =
+      EstimateLenses(*this, assembled, first_columns, factor, kCommonErrors);
+  const Eigen::MatrixXd lens_errors = ErrorsByLenses(lenses, lenses_follow);
+
+  CalibrationUncertainty result;
+  result.lenses = lenses.lenses;
+  result.stddev.resize(cameras->size());
   for (std::size_t c = 0; c < cameras->size(); ++c) {
     const CameraParameters& camera = (*cameras)[c];
     // Rows of all parameters that turn this camera's into its own axes; zero where one is held.
@@ -225,12 +245,15 @@ Result<std::vector<CameraStddev>> CalibrationProblem::EstimateStddev() const {
     const Eigen::MatrixXd spread = pick.transpose() * influence;
     const Eigen::MatrixXd prior_share = prior_spread * inverse;
     const CameraMatrix of_prior = prior_share.transpose() * prior_share;
-    const CameraMatrix formal = kCommonErrors * pick.transpose() * inverse;
+    const Eigen::MatrixXd by_lenses = pick.transpose() * lenses.response;
+    const CameraMatrix of_others = of_prior + by_lenses * lens_errors * by_lenses.transpose();
+    const CameraMatrix formal = kCommonErrors * pick.transpose() * inverse +
+                                by_lenses * lens_errors * by_lenses.transpose();
     const CameraMatrix over_seconds =
-        kCommonErrors * FewClusters(spread.cols()) * spread * spread.transpose() + of_prior;
+        kCommonErrors * FewClusters(spread.cols()) * spread * spread.transpose() + of_others;
     const CameraMatrix over_surfaces =
-        kCommonErrors * SpreadOverSurfaces(surface_scores, inverse) + of_prior;
-    result[c] = StddevOf({formal, over_seconds, over_surfaces});
+        kCommonErrors * SpreadOverSurfaces(surface_scores, inverse) + of_others;
+    result.stddev[c] = StddevOf({formal, over_seconds, over_surfaces});
   }
   return result;
 }

@@ -70,7 +70,7 @@ Result<MatchingCamera> PrepareForMatching(const JointCamera& camera, int index,
   const auto c = static_cast<std::size_t>(index);
   const CameraParameters& parameters = joint.cameras[c];
   MatchingCamera result;
-  auto model = camera.config->model->WithTunable(parameters.Intrinsics());
+  auto model = parameters.model->WithTunable(parameters.Intrinsics());
   if (!model.ok()) return model.status();
   result.model = *model;
   result.images = &camera.segment->images;

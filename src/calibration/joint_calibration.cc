@@ -7,6 +7,7 @@
 #include "cross_camera_terms.h"
 #include "patch_support.h"
 #include "scenecalib/geometry/so3.h"
+#include "scenecalib/sensor/lens_shape.h"
 #include "scenecalib/tracking/map_guided_registration.h"
 
 namespace scenecalib {
@@ -16,6 +17,8 @@ constexpr double kRadPerDeg = 0.017453292519943295;
 constexpr double kMinResidualSigma = 0.3;
 /// A principal point that is not known better than this share of its prior was not shown.
 constexpr double kUnresolvedShare = 0.5;
+/// Further rounds of lenses that follow the data, one Newton step each.
+constexpr int kRoundsForLenses = 2;
 
 CameraContext ContextOf(const JointCalibration& joint, int camera, const Trajectory& trajectory) {
   CameraContext context;
@@ -71,6 +74,7 @@ CalibrationProblem MakeProblem(JointCalibration* joint, const std::vector<JointC
   problem.free.correction = options.joint.correct_trajectory;
   problem.correction_prior = correction_prior;
   problem.intrinsics_prior_weight = options.prior.formal_optimism;
+  problem.lenses_follow = options.estimate_distortion;
   return problem;
 }
 
@@ -92,13 +96,27 @@ void JudgeIntrinsics(const CalibrationProblem& problem, JointCalibration* joint)
   }
 }
 
+/// Gives the cameras the lenses that the data asks for, at a solution of the problem.
+Status ChangeLenses(const CalibrationProblem& problem, JointCalibration* joint) {
+  Result<CalibrationUncertainty> uncertainty = problem.EstimateUncertainty();
+  if (!uncertainty.ok()) return uncertainty.status();
+  for (std::size_t c = 0; c < joint->cameras.size(); ++c) {
+    Result<CameraModelPtr> changed =
+        WithRadialChange(*joint->cameras[c].model, uncertainty->lenses[c].change);
+    if (!changed.ok()) continue;  // it would fold: better the lens as it is
+    joint->models[c] = std::move(*changed);
+    joint->cameras[c].model = joint->models[c].get();
+  }
+  return Status::Ok();
+}
+
 /// Registers the inlier tracks of one camera again, now that their planes, the trajectory and a
 /// calibration are known. Tracks without a plane, or at the edge of one, stay as they are.
 Status RegisterAgain(const JointCamera& camera, int index, const std::vector<TransferTerm>& terms,
                      const Trajectory& trajectory, const RayCaster& caster,
                      const CalibrationOptions& options, JointCalibration* joint) {
   const CameraParameters& parameters = joint->cameras[index];
-  const auto model = camera.config->model->WithTunable(parameters.Intrinsics());
+  const auto model = parameters.model->WithTunable(parameters.Intrinsics());
   if (!model.ok()) return model.status();
   std::map<Timestamp, Rigid3> map_from_camera;
   const Rigid3 lidar_from_camera = parameters.LidarFromCamera();
@@ -169,6 +187,10 @@ CorrectionPrior CorrectionPriorOf(const SceneMap& map, const JointOptions& optio
   return prior;
 }
 
+int NumJointRounds(const CalibrationOptions& options) {
+  return options.joint.num_rounds + (options.estimate_distortion ? kRoundsForLenses : 0);
+}
+
 Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& cameras,
                                           const Trajectory& map_from_lidar, const RayCaster& caster,
                                           const CorrectionPrior& correction_prior,
@@ -182,9 +204,12 @@ Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& camera
     joint.time_offset_s.push_back(camera.start.time_offset_s);
     joint.tracks.push_back(camera.tracks);
   }
+  joint.models.resize(cameras.size());
   joint.evidence.resize(cameras.size());
   CalibrationProblem problem = MakeProblem(&joint, cameras, correction_prior, options);
-  for (int round = 0; round < options.joint.num_rounds; ++round) {
+  const int num_rounds = NumJointRounds(options);
+  for (int round = 0; round < num_rounds; ++round) {
+    const bool is_last = round + 1 == num_rounds;
     joint.terms.clear();
     problem.time_offset_s = joint.time_offset_s;
     problem.free.intrinsics =
@@ -200,20 +225,24 @@ Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& camera
     const Result<SolveEvidence> solved = problem.Solve();
     if (!solved.ok()) return solved.status();
     joint.converged = solved->converged;
-    if (round + 1 == options.joint.num_rounds) {
-      Result<std::vector<CameraStddev>> stddev = problem.EstimateStddev();
-      if (!stddev.ok()) return stddev.status();
-      joint.stddev = *stddev;
+    if (is_last) {
+      Result<CalibrationUncertainty> uncertainty = problem.EstimateUncertainty();
+      if (!uncertainty.ok()) return uncertainty.status();
+      joint.stddev = std::move(uncertainty->stddev);
+      joint.lenses = std::move(uncertainty->lenses);
       if (!options.hold_intrinsics) JudgeIntrinsics(problem, &joint);
     }
+    if (options.estimate_distortion && round > 0 && !is_last) {
+      SCENECALIB_RETURN_IF_ERROR(ChangeLenses(problem, &joint));
+    }
     FoldDeltas(&joint);
-    if (options.joint.register_through_map && round + 1 < options.joint.num_rounds) {
+    if (options.joint.register_through_map && !is_last) {
       for (std::size_t c = 0; c < cameras.size(); ++c) {
         SCENECALIB_RETURN_IF_ERROR(RegisterAgain(cameras[c], static_cast<int>(c), joint.terms,
                                                  map_from_lidar, caster, options, &joint));
       }
     }
-    if (round + 1 < options.joint.num_rounds) {
+    if (!is_last) {
       CrossCameraOptions matching = options.cross_camera;
       if (round > 0) matching.search_px = std::min(matching.search_px, matching.search_again_px);
       SCENECALIB_RETURN_IF_ERROR(

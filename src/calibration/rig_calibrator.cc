@@ -23,6 +23,9 @@ namespace {
 constexpr double kDegPerRad = 57.29577951308232;
 constexpr int kMinViews = 3;
 constexpr std::size_t kMaxBundlesPerCamera = 150;
+/// A lens that is off by more than both is told of.
+constexpr double kMisfit_px = 0.5;
+constexpr double kMisfitSigmas = 4.0;
 
 /// Tracks that take part in the solve and tracks that only judge it.
 struct SplitTracks {
@@ -155,6 +158,15 @@ std::vector<std::string> WeakDirections(const CameraStddev& stddev,
   return weak;
 }
 
+/// Empty when the lens fits its images.
+std::string DescribeMisfit(const RadialMisfit& lens) {
+  if (lens.edge_px < kMisfit_px || std::abs(lens.change) < kMisfitSigmas * lens.stddev) return "";
+  return "its lens does not fit its images: they ask for " + Text(lens.change, 4) + " (stddev " +
+         Text(lens.stddev, 4) + ") more of the first radial coefficient, " + Text(lens.edge_px, 1) +
+         " px at the image's border; calibrate the lens again, or set "
+         "calibration.estimate_distortion";
+}
+
 /// Reasons against the camera; none means that it is accepted.
 std::vector<std::string> Objections(const CameraConfig& initial, const CameraQuality& quality,
                                     const JointCameraEvidence& evidence, const HeldOutRms& held_out,
@@ -261,19 +273,23 @@ class Finisher {
     const Rigid3 result = parameters.LidarFromCamera();
     quality.reasons = Objections(config, quality, joint.evidence[joint_camera], held_out, result,
                                  options_.acceptance);
-    const auto model = config.model->WithTunable(parameters.Intrinsics());
+    const auto model = parameters.model->WithTunable(parameters.Intrinsics());
     if (!model.ok()) quality.reasons.push_back(model.status().message());
     quality.accepted = quality.reasons.empty();
     if (quality.accepted) {
       CameraConfig& refined = calibration_->result.rig.cameras[camera];
       refined.lidar_from_camera = result;
       refined.time_offset_s = joint.time_offset_s[joint_camera];
-      if (!options_.hold_intrinsics) refined.model = *model;
+      if (!options_.hold_intrinsics || options_.estimate_distortion) refined.model = *model;
       quality.reasons = WeakDirections(quality.stddev, options_.acceptance);
       if (joint.evidence[joint_camera].intrinsics_unresolved) {
         quality.reasons.push_back(
             "principal point stays near its initial value: this drive does not tell it from the "
             "rotation; drive curves to refine it");
+      }
+      if (!options_.estimate_distortion) {
+        const std::string misfit = DescribeMisfit(joint.lenses[joint_camera]);
+        if (!misfit.empty()) quality.reasons.push_back(misfit);
       }
     }
     Append(SampleBundles(camera, joint.terms, joint_camera, initial_cameras[joint_camera], none),
@@ -350,7 +366,7 @@ Result<RigCalibration> CalibrateRig(const Rig& initial, const SceneMap& map,
     return Status::InsufficientData("no camera could be calibrated" + reasons);
   }
 
-  RoundCounter joint_rounds(progress, "calibration: joint", options.joint.num_rounds);
+  RoundCounter joint_rounds(progress, "calibration: joint", NumJointRounds(options));
   const Result<JointCalibration> joint = CalibrateJointly(
       joint_cameras, map.map_from_lidar, *caster, CorrectionPriorOf(map, options.joint), options,
       [&joint_rounds] { return joint_rounds.Tick(); });

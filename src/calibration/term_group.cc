@@ -8,6 +8,7 @@
 #include <cmath>
 #include <functional>
 #include <map>
+#include <optional>
 #include <tuple>
 #include <utility>
 
@@ -192,6 +193,60 @@ bool TermGroup::EvaluateSlice(const State& state, std::size_t first, std::size_t
   sums.Finish();
   equations->information = sums.half_information();
   equations->gradient = sums.gradient();
+  return true;
+}
+
+bool TermGroup::EvaluateLenses(const std::vector<RadialField>& fields,
+                               LensEquations* equations) const {
+  const double loss_square = problem_.loss_scale * problem_.loss_scale;
+  const auto num_lenses = static_cast<Eigen::Index>(fields.size());
+  equations->coupling = Eigen::MatrixXd::Zero(num_columns_, num_lenses);
+  equations->information = Eigen::MatrixXd::Zero(num_lenses, num_lenses);
+  equations->gradient = Eigen::VectorXd::Zero(num_lenses);
+  const State state = StateAt(blocks_.data(), true);
+  std::vector<std::optional<ViewPairSums>> sums(fields.size());
+  for (const Entry& entry : entries_) {
+    const int source = views_[entry.source].camera;
+    const int target = views_[entry.target].camera;
+    Eigen::Vector2d residual_px;
+    PoseJacobians jacobians;
+    if (!EvaluatePosedTransfer(entry.source_pixel, state.cameras[source], state.poses[entry.source],
+                               entry.target_pixel, state.cameras[target], state.poses[entry.target],
+                               entry.plane_point_in_map_m, entry.plane_normal_in_map, &residual_px,
+                               &jacobians)) {
+      return false;
+    }
+    const double square = (entry.whitening * residual_px).squaredNorm() / loss_square;
+    const Eigen::Matrix2d weight = entry.whitening * std::sqrt(1.0 / (1.0 + square));
+    // A lens that bends more sends the source pixel's ray elsewhere, and shows the point elsewhere.
+    const Eigen::Vector2d by_source =
+        -jacobians.by_source_pixel *
+        fields[static_cast<std::size_t>(source)].At(entry.source_pixel);
+    const Eigen::Vector2d by_target =
+        fields[static_cast<std::size_t>(target)].At(entry.target_pixel + residual_px);
+    const auto add = [&](int lens, const Eigen::Vector2d& derivative) {
+      auto& of_lens = sums[static_cast<std::size_t>(lens)];
+      if (!of_lens) of_lens.emplace(num_columns_);
+      of_lens->StartPair(&state.columns[entry.source], &state.columns[entry.target]);
+      of_lens->Add(jacobians, derivative, weight);
+      equations->gradient[lens] += (weight * derivative).dot(weight * residual_px);
+      equations->information(lens, lens) += (weight * derivative).squaredNorm();
+    };
+    if (source == target) {
+      add(source, by_source + by_target);
+    } else {
+      add(source, by_source);
+      add(target, by_target);
+      const double both = (weight * by_source).dot(weight * by_target);
+      equations->information(source, target) += both;
+      equations->information(target, source) += both;
+    }
+  }
+  for (std::size_t lens = 0; lens < sums.size(); ++lens) {
+    if (!sums[lens]) continue;
+    sums[lens]->Finish();
+    equations->coupling.col(static_cast<Eigen::Index>(lens)) = sums[lens]->gradient();
+  }
   return true;
 }
 

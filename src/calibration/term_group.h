@@ -6,6 +6,7 @@
 #include <memory>
 #include <vector>
 
+#include "radial_field.h"
 #include "scenecalib/calibration/calibration_problem.h"
 #include "term_views.h"
 #include "view_pair_sums.h"
@@ -18,6 +19,15 @@ struct GroupEquations {
   Eigen::MatrixXd information;
   Eigen::VectorXd gradient;
   double cost = 0.0;
+};
+
+/// What the terms say about parameters beside the group's own, of which every camera has one (the
+/// radial coefficient of its lens): with R the residuals' derivatives by them, J^T W R, R^T W R and
+/// R^T W r.
+struct LensEquations {
+  Eigen::MatrixXd coupling;
+  Eigen::MatrixXd information;
+  Eigen::VectorXd gradient;
 };
 
 /// Terms that share most of their parameters: those of one second of target images and one second
@@ -39,6 +49,9 @@ class TermGroup {
   /// asked for. False when a term cannot be evaluated there.
   bool Evaluate(double const* const* values, bool with_derivatives,
                 GroupEquations* equations) const;
+
+  /// At the present values; `fields` are those of all cameras. False as for Evaluate.
+  bool EvaluateLenses(const std::vector<RadialField>& fields, LensEquations* equations) const;
 
  private:
   /// What a term's evaluation reads, packed in the order in which it is read.

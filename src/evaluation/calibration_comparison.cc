@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "scenecalib/geometry/so3.h"
+#include "scenecalib/sensor/lens_shape.h"
 
 namespace scenecalib {
 namespace {
@@ -18,13 +19,6 @@ std::optional<std::size_t> IndexOf(const CalibrationResult& result, const std::s
     if (result.rig.cameras[i].name == name) return i;
   }
   return std::nullopt;
-}
-
-/// Radius on the image 0.1 rad off the axis: compares focal lengths whatever the model.
-double RadiusNearAxis(const CameraModel& model) {
-  const auto pixel =
-      model.ProjectTuned({std::sin(0.1), 0.0, std::cos(0.1)}, model.tunable(), nullptr);
-  return pixel ? pixel->x() - model.tunable().principal_point_px.x() : 0.0;
 }
 
 class Collector {
@@ -85,7 +79,7 @@ void CompareCamera(const CameraConfig& a, const CameraQuality& quality_a, const 
     change->problem = "lens models differ (" + a.model->name() + ", " + b.model->name() + ")";
     return;
   }
-  collect.Add("focal scale", "%", 100.0, RadiusNearAxis(*b.model) / RadiusNearAxis(*a.model) - 1.0,
+  collect.Add("focal scale", "%", 100.0, FocalAtAxisPx(*b.model) / FocalAtAxisPx(*a.model) - 1.0,
               sigma_a.focal_scale, sigma_b.focal_scale);
   static const char* const kCenters[] = {"principal point x", "principal point y"};
   for (int k = 0; k < 2; ++k) {

@@ -8,6 +8,7 @@
 
 #include "scenecalib/calibration/camera_calibration.h"
 #include "scenecalib/geometry/so3.h"
+#include "scenecalib/sensor/lens_shape.h"
 
 namespace scenecalib {
 namespace {
@@ -48,20 +49,13 @@ CameraVector StatedStddev(const CameraStddev& stddev) {
   return values;
 }
 
-/// Radius on the image 0.1 rad off the axis: models fold s_f into their own focal length.
-double RadiusNearAxis(const CameraModel& model) {
-  const auto pixel =
-      model.ProjectTuned({std::sin(0.1), 0.0, std::cos(0.1)}, model.tunable(), nullptr);
-  return pixel ? pixel->x() - model.tunable().principal_point_px.x() : 0.0;
-}
-
 CameraVector Change(const CameraConfig& initial, const CameraConfig& refined) {
   const Eigen::Quaterniond camera_from_lidar = initial.lidar_from_camera.rotation.conjugate();
   CameraVector change;
   change << camera_from_lidar *
                 (refined.lidar_from_camera.translation - initial.lidar_from_camera.translation),
       LogSo3(camera_from_lidar * refined.lidar_from_camera.rotation),
-      RadiusNearAxis(*refined.model) / RadiusNearAxis(*initial.model) - 1.0,
+      FocalAtAxisPx(*refined.model) / FocalAtAxisPx(*initial.model) - 1.0,
       refined.model->tunable().principal_point_px - initial.model->tunable().principal_point_px,
       refined.time_offset_s - initial.time_offset_s;
   return change;
@@ -175,15 +169,33 @@ double SpreadOverStated(const std::vector<Estimate>& estimates, const Estimate& 
   return std::max(1.0, std::sqrt(sum / freedom));
 }
 
+/// Mean change of the lens' radial coefficient; the result files do not tell how sure each one is.
+double RadialChange(const CameraConfig& initial, const std::vector<StretchCalibration>& stretches,
+                    const std::vector<Estimate>& used, std::size_t camera) {
+  double sum = 0.0;
+  for (const Estimate& estimate : used) {
+    const CameraModel& refined = *stretches[estimate.stretch].result.rig.cameras[camera].model;
+    // Of ftheta, s_f alone changes the coefficient too.
+    const auto unbent =
+        initial.model->WithTunable({FocalAtAxisPx(refined) / FocalAtAxisPx(*initial.model),
+                                    refined.tunable().principal_point_px});
+    if (unbent.ok()) sum += RadialCoefficient(refined) - RadialCoefficient(**unbent);
+  }
+  return sum / static_cast<double>(used.size());
+}
+
 /// Moves the camera to the mean. Fails only when the lens model refuses the intrinsics.
-Status Apply(const CameraConfig& initial, const Estimate& mean, const CameraVector& prior_stddev,
-             double widening, CameraConfig* camera, CameraStddev* stddev) {
+Status Apply(const CameraConfig& initial, const Estimate& mean, double radial_change,
+             const CameraVector& prior_stddev, double widening, CameraConfig* camera,
+             CameraStddev* stddev) {
   const CameraVector change = mean.value.cwiseProduct(prior_stddev);
   const TunableIntrinsics& before = initial.model->tunable();
   const auto model = initial.model->WithTunable(
       {before.focal_scale * (1.0 + change[6]), before.principal_point_px + change.segment<2>(7)});
   if (!model.ok()) return model.status();
-  camera->model = *model;
+  const auto bent = WithRadialChange(**model, radial_change);
+  if (!bent.ok()) return bent.status();
+  camera->model = *bent;
   camera->time_offset_s = initial.time_offset_s + change[9];
   camera->lidar_from_camera =
       Rigid3(initial.lidar_from_camera.rotation * ExpSo3(change.segment<3>(3)),
@@ -244,8 +256,8 @@ void CombineCamera(const CameraConfig& initial, const PriorOptions& prior,
   Status applied;
   if (!used.empty()) {
     const Estimate mean = Mean(used);
-    applied = Apply(initial, mean, prior_stddev, SpreadOverStated(used, mean), combined,
-                    &quality->stddev);
+    applied = Apply(initial, mean, RadialChange(initial, stretches, used, camera), prior_stddev,
+                    SpreadOverStated(used, mean), combined, &quality->stddev);
     if (!applied.ok()) notes.push_back(applied.message());
   }
   quality->accepted = !used.empty() && applied.ok();

@@ -99,7 +99,7 @@ class StatedDeviation : public testing::DownwardRig {
       term.target.pixel.x() += kErrorPx * sign;
       problem.terms.push_back(term);
     }
-    return problem.EstimateStddev().value()[0].rotation_rad;
+    return problem.EstimateUncertainty().value().stddev[0].rotation_rad;
   }
 
   TrajectoryCorrection correction_;

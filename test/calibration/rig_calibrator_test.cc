@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "scenecalib/sensor/lens_shape.h"
 #include "testing/canyon_scene.h"
 
 namespace scenecalib {
@@ -98,6 +99,63 @@ TEST(RigCalibrator, RefinesIntrinsicsOnADriveWithTurns) {
         scene.rig.cameras[c].model->tunable().principal_point_px;
     EXPECT_LT(error.norm(), 1.0) << scene.rig.cameras[c].name;  // of 3.6 px at the start
     EXPECT_GT(calibration->result.cameras[c].stddev.focal_scale, 0.0);
+  }
+}
+
+/// The rig with radial coefficients that are not the truth's.
+Rig WithWrongLenses(const Rig& rig, double change) {
+  Rig wrong = rig;
+  for (CameraConfig& camera : wrong.cameras) {
+    camera.model = WithRadialChange(*camera.model, change).value();
+  }
+  return wrong;
+}
+
+TEST(RigCalibrator, RefinesTheLensesWhenAskedTo) {
+  constexpr double kChange = 0.01;
+  const CanyonScene scene = MakeCanyonScene(TwoCameras(), {});
+  const Rig initial = WithWrongLenses(Perturb(scene.rig, 0.5 / kDegPerRad, 0.05, 8), kChange);
+  CalibrationOptions options = HeldIntrinsics();
+  options.estimate_distortion = true;
+  const auto calibration = CalibrateRig(initial, scene.map, scene.segments, options, {});
+  ASSERT_TRUE(calibration.ok()) << calibration.status().message();
+  for (std::size_t c = 0; c < scene.rig.cameras.size(); ++c) {
+    const CameraConfig& truth = scene.rig.cameras[c];
+    const CameraConfig& result = calibration->result.rig.cameras[c];
+    EXPECT_NEAR(RadialCoefficient(*result.model), RadialCoefficient(*truth.model), 0.05 * kChange)
+        << truth.name;
+    EXPECT_LT(ErrorOf(truth, result).rotation_deg, 0.03) << truth.name;
+    EXPECT_LT(ErrorOf(truth, result).translation_m, 0.015) << truth.name;
+    // What was to be held is.
+    EXPECT_EQ(result.model->tunable().principal_point_px,
+              truth.model->tunable().principal_point_px);
+  }
+}
+
+TEST(RigCalibrator, ALensThatDoesNotFitIsToldOfAndWidensTheDeviations) {
+  const CanyonScene scene = MakeCanyonScene(TwoCameras(), {});
+  const Rig perturbed = Perturb(scene.rig, 0.5 / kDegPerRad, 0.05, 8);
+  const auto says_so = [](const CameraQuality& quality) {
+    return std::any_of(quality.reasons.begin(), quality.reasons.end(), [](const std::string& text) {
+      return text.find("lens does not fit") != std::string::npos;
+    });
+  };
+  const auto good = CalibrateRig(perturbed, scene.map, scene.segments, HeldIntrinsics(), {});
+  const auto bad = CalibrateRig(WithWrongLenses(perturbed, 0.01), scene.map, scene.segments,
+                                HeldIntrinsics(), {});
+  ASSERT_TRUE(good.ok() && bad.ok());
+  for (std::size_t c = 0; c < scene.rig.cameras.size(); ++c) {
+    const CameraQuality& fits = good->result.cameras[c];
+    const CameraQuality& does_not = bad->result.cameras[c];
+    EXPECT_FALSE(says_so(fits));
+    EXPECT_TRUE(says_so(does_not));
+    EXPECT_GT(does_not.stddev.translation_m.norm(), 1.5 * fits.stddev.translation_m.norm());
+    // Wider, and rightly so.
+    const Rigid3 error = scene.rig.cameras[c].lidar_from_camera.Inverse() *
+                         bad->result.rig.cameras[c].lidar_from_camera;
+    const Eigen::Vector3d sigmas =
+        error.translation.cwiseQuotient(does_not.stddev.translation_m).cwiseAbs();
+    EXPECT_LT(sigmas.maxCoeff(), 3.0);
   }
 }
 

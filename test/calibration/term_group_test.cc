@@ -2,6 +2,7 @@
 
 #include "calibration/downward_rig.h"
 #include "scenecalib/base/random.h"
+#include "scenecalib/sensor/lens_shape.h"
 
 namespace scenecalib {
 namespace {
@@ -130,6 +131,70 @@ TEST_F(TermGroupTest, ATermThatCannotBeEvaluatedIsNoZeroResidual) {
     failed = failed || !group->Evaluate(group->blocks().data(), false, &equations);
   }
   EXPECT_TRUE(failed);
+}
+
+/// As TermGroupTest, with the lenses' radial coefficients changed.
+class LensesOfATermGroup : public TermGroupTest {
+ protected:
+  void Bend(int camera, double change) {
+    bent_[camera] = WithRadialChange(*model_, change).value();
+    cameras_[camera].model = bent_[camera].get();
+  }
+  std::vector<RadialField> Fields() const {
+    return {RadialField(*model_, cameras_[0].Intrinsics()),
+            RadialField(*model_, cameras_[1].Intrinsics())};
+  }
+
+  CameraModelPtr bent_[2];
+};
+
+TEST_F(LensesOfATermGroup, GradientIsThatOfTheCost) {
+  constexpr double kChange = 1e-5;
+  for (const auto& group : GroupTerms(problem_)) {
+    LensEquations equations;
+    ASSERT_TRUE(group->EvaluateLenses(Fields(), &equations));
+    for (int camera = 0; camera < 2; ++camera) {
+      Bend(camera, kChange);
+      const double more = CostOf(*group);
+      Bend(camera, -kChange);
+      const double less = CostOf(*group);
+      Bend(camera, 0.0);
+      const double expected = 0.5 * (more - less) / (2.0 * kChange);
+      // The field is read between the nodes of a grid.
+      EXPECT_NEAR(equations.gradient[camera], expected, 1e-2 * std::max(1.0, std::abs(expected)));
+    }
+  }
+}
+
+TEST_F(LensesOfATermGroup, EquationsAreTheDerivativesWhereTheResidualsVanish) {
+  constexpr double kChange = 1e-5;
+  for (TransferTerm& term : problem_.terms) {
+    // The point that the source sees, on the ground 10 m below.
+    const Eigen::Vector2d offset = (term.source.pixel - Eigen::Vector2d(500.0, 500.0)) / kFocalPx;
+    const Eigen::Vector3d point = term.source.map_from_lidar.translation +
+                                  cameras_[term.source_camera].base_lidar_from_camera.translation +
+                                  Eigen::Vector3d(10.0 * offset.x(), -10.0 * offset.y(), -10.0);
+    term.target.pixel =
+        See(cameras_[term.target_camera], term.target.map_from_lidar.translation, point);
+  }
+  for (const auto& group : GroupTerms(problem_)) {
+    LensEquations equations;
+    ASSERT_TRUE(group->EvaluateLenses(Fields(), &equations));
+    EXPECT_NEAR(equations.gradient.norm(), 0.0, 1e-6 * equations.information.norm());
+    for (int camera = 0; camera < 2; ++camera) {
+      Bend(camera, kChange);
+      GroupEquations more;
+      LensEquations of_lenses;
+      ASSERT_TRUE(group->Evaluate(group->blocks().data(), true, &more));
+      ASSERT_TRUE(group->EvaluateLenses(Fields(), &of_lenses));
+      Bend(camera, 0.0);
+      const Eigen::VectorXd coupling = more.gradient / kChange;
+      EXPECT_LT((equations.coupling.col(camera) - coupling).norm(), 5e-3 * coupling.norm());
+      const Eigen::VectorXd information = of_lenses.gradient / kChange;
+      EXPECT_LT((equations.information.col(camera) - information).norm(),
+                5e-3 * information.norm());
+    }
+  }
 }
 
 }  // namespace

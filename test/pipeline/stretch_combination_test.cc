@@ -6,6 +6,7 @@
 
 #include "scenecalib/base/random.h"
 #include "scenecalib/geometry/so3.h"
+#include "scenecalib/sensor/lens_shape.h"
 #include "testing/canyon_scene.h"
 
 namespace scenecalib {
@@ -163,6 +164,21 @@ TEST(StretchCombination, ThePriorCountsOnceHoweverManyStretchesThereAre) {
   const auto combined = CombineStretches(rig, prior, stretches);
   ASSERT_TRUE(combined.ok());
   EXPECT_NEAR(combined->cameras[0].stddev.translation_m[2], prior.translation_m, 0.01);
+}
+
+TEST(StretchCombination, LensesOfTheStretchesAreAveraged) {
+  const Rig rig = OneCamera();
+  StretchCalibration first = Stretch("first", rig, TrueChange(), GoodCovariance());
+  StretchCalibration second = Stretch("second", rig, TrueChange(), GoodCovariance());
+  for (StretchCalibration* stretch : {&first, &second}) {
+    CameraConfig& camera = stretch->result.rig.cameras[0];
+    camera.model = WithRadialChange(*camera.model, stretch == &first ? 0.004 : 0.008).value();
+  }
+  const auto combined = CombineStretches(rig, {}, {first, second});
+  ASSERT_TRUE(combined.ok());
+  EXPECT_NEAR(
+      RadialCoefficient(*combined->rig.cameras[0].model) - RadialCoefficient(*rig.cameras[0].model),
+      0.006, 1e-6);
 }
 
 TEST(StretchCombination, AParameterThatWasHeldStays) {

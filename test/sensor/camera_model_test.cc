@@ -10,6 +10,7 @@
 
 #include "scenecalib/base/random.h"
 #include "scenecalib/sensor/camera_factory.h"
+#include "scenecalib/sensor/lens_shape.h"
 
 namespace scenecalib {
 namespace {
@@ -450,6 +451,38 @@ TEST(CameraModel, ModelsOfRosAgreeWithOpenCv) {
   ExpectAgreesWithOpenCv(PlumbBob());
   ExpectAgreesWithOpenCv(RationalPolynomial());
   ExpectAgreesWithOpenCv(Equidistant190());
+}
+
+TEST(LensShape, RadialChangeMovesPixelsByTheCubeOfTheirAngle) {
+  constexpr double kChange = 1e-3;
+  for (const CameraIntrinsics& intrinsics : AllModels()) {
+    const CameraModelPtr camera = Create(intrinsics);
+    const auto changed = WithRadialChange(*camera, kChange);
+    ASSERT_TRUE(changed.ok()) << changed.status().message();
+    EXPECT_NEAR(RadialCoefficient(**changed) - RadialCoefficient(*camera), kChange, 1e-12);
+    const double theta_rad = 0.05;  // there tan(theta), theta and the distortions are nearly alike
+    const Eigen::Vector3d point(std::sin(theta_rad), 0.0, std::cos(theta_rad));
+    const double moved_px = (*changed)->Project(point)->x() - camera->Project(point)->x();
+    const double expected_px = FocalAtAxisPx(*camera) * kChange * std::pow(theta_rad, 3);
+    EXPECT_NEAR(moved_px, expected_px, 0.02 * expected_px) << camera->name();
+    EXPECT_NEAR(FocalAtAxisPx(**changed), FocalAtAxisPx(*camera), 1e-4) << camera->name();
+  }
+}
+
+TEST(LensShape, FocalAtTheAxisFollowsTheFocalScaleWhateverTheDistortion) {
+  for (const CameraIntrinsics& intrinsics : AllModels()) {
+    const CameraModelPtr camera = Create(intrinsics);
+    const auto scaled = camera->WithTunable({1.003, camera->tunable().principal_point_px});
+    ASSERT_TRUE(scaled.ok());
+    EXPECT_NEAR(FocalAtAxisPx(**scaled) / FocalAtAxisPx(*camera), 1.003, 1e-6) << camera->name();
+  }
+}
+
+TEST(LensShape, RefusesAChangeThatFoldsTheImage) {
+  for (const CameraIntrinsics& intrinsics : AllModels()) {
+    const auto folded = WithRadialChange(*Create(intrinsics), -1.0);
+    EXPECT_EQ(folded.status().code(), Status::Code::kInvalidArgument) << intrinsics.model;
+  }
 }
 
 }  // namespace

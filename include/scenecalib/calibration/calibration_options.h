@@ -121,6 +121,7 @@ struct AcceptanceOptions {
 struct CalibrationOptions {
   bool hold_intrinsics = false;
   bool estimate_time_offset = false;
+  bool estimate_distortion = false;
   int seed = 1;
   AssociationOptions association;
   TermOptions terms;
@@ -135,6 +136,8 @@ struct CalibrationOptions {
     v.Field("hold_intrinsics", &hold_intrinsics, "keep s_f and u_0 at their initial values");
     v.Field("estimate_time_offset", &estimate_time_offset,
             "refine each camera's time offset to the lidar clock");
+    v.Field("estimate_distortion", &estimate_distortion,
+            "refine the first radial coefficient of each lens (k1; k3 of ftheta)");
     v.Field("seed", &seed, {0, 2147483647}, "seed of every random choice");
     v.Group("association", &association);
     v.Group("terms", &terms);

@@ -5,6 +5,7 @@
 
 #include "scenecalib/base/status.h"
 #include "scenecalib/calibration/calibration_result.h"
+#include "scenecalib/calibration/radial_misfit.h"
 #include "scenecalib/calibration/trajectory_correction.h"
 #include "scenecalib/calibration/transfer_error.h"
 #include "scenecalib/mapping/ray_caster.h"
@@ -74,6 +75,12 @@ struct SolveEvidence {
   double final_cost = 0.0;
 };
 
+/// How sure a solution is, parallel to its cameras.
+struct CalibrationUncertainty {
+  std::vector<CameraStddev> stddev;
+  std::vector<RadialMisfit> lenses;
+};
+
 /// The nonlinear least-squares problem over a set of terms: Eq. (3), whitened and robust, with
 /// priors. Cameras and correction are changed in place by Solve.
 struct CalibrationProblem {
@@ -87,6 +94,8 @@ struct CalibrationProblem {
   /// The intrinsics' prior counts as so many times tighter than it is: as much as the data's formal
   /// covariance may be too small (PriorOptions::formal_optimism).
   double intrinsics_prior_weight = 1.0;
+  /// True when the radial coefficients of the lenses follow the data (from one solve to the next).
+  bool lenses_follow = false;
   double loss_scale = 2.0;      ///< Cauchy, in units of the whitened residual's sigma
   double residual_sigma = 1.0;  ///< what one unit of whitened residual is worth (estimated)
   int max_iterations = 30;
@@ -94,11 +103,12 @@ struct CalibrationProblem {
   /// NumericalFailure when the solver breaks down; the parameters are then as before.
   Result<SolveEvidence> Solve();
 
-  /// Standard deviations of every camera at the present parameters, parallel to cameras: the
-  /// largest of the formal covariance and of two sandwich estimates, over seconds of time and over
-  /// pieces of surface, which see errors that the terms of one stretch of road or of one wall
-  /// share. What the data does not show has its prior's (docs/math.md, section 6).
-  Result<std::vector<CameraStddev>> EstimateStddev() const;
+  /// Standard deviations of every camera at the present parameters, a solution: the largest of the
+  /// formal covariance and of two sandwich estimates, over seconds of time and over pieces of
+  /// surface, which see errors that the terms of one stretch of road or of one wall share; and what
+  /// lenses that do not fit their images add to each. What the data does not show has its prior's
+  /// (docs/math.md, section 6).
+  Result<CalibrationUncertainty> EstimateUncertainty() const;
 };
 
 /// Sets each term's whitening from the pixel covariances carried through the transfer and the

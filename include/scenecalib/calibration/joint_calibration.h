@@ -32,10 +32,13 @@ struct JointCameraEvidence {
 /// The solution over all cameras, parallel to the input.
 struct JointCalibration {
   std::vector<CameraParameters> cameras;
+  /// What the cameras' models point to, where a lens has changed; else empty.
+  std::vector<CameraModelPtr> models;
   std::vector<double> time_offset_s;
   TrajectoryCorrection correction;
   std::vector<JointCameraEvidence> evidence;
   std::vector<CameraStddev> stddev;
+  std::vector<RadialMisfit> lenses;
   std::vector<TransferTerm> terms;        ///< inliers of the last round, within one camera
   std::vector<TransferTerm> cross_terms;  ///< the same between cameras; `track` is of the source
   /// All matches between cameras as last found, of points in the order of their tracks' terms.
@@ -48,6 +51,9 @@ struct JointCalibration {
 /// The prior of the trajectory's correction: what the mapping itself says of its relative motion,
 /// else the options' rates.
 CorrectionPrior CorrectionPriorOf(const SceneMap& map, const JointOptions& options);
+
+/// Rounds of association and solve: lenses that follow the data take a few more.
+int NumJointRounds(const CalibrationOptions& options);
 
 /// Refines all cameras together with the lidar trajectory's small errors (III-F): associate,
 /// optionally register the tracks again through the map (Eq. 4 within one camera), solve, repeat.
