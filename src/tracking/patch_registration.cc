@@ -5,13 +5,12 @@
 #include <algorithm>
 #include <cmath>
 
+#include "patch_sampling.h"
 #include "pixel_grid.h"
 #include "pixel_kernels.h"
 
 namespace scenecalib {
 namespace {
-
-const SplineTable kSpline;
 
 /// Deviation of an image's own blur as it is read smoothly: the pixel's area and the kernel.
 constexpr double kReadingSigmaPx = 0.65;
@@ -180,10 +179,11 @@ bool PatchTemplate::Sample(const cv::Mat& image, const PatchWarp& warp, int stri
   }
   const Eigen::Index num_pixels = stride == 1 ? fine_.weighted.rows() : coarse_.weighted.rows();
   values->resize(num_pixels);
+  const PatchSampler sample = FastestSampler(reading_);
   const int num_across = across.isZero() ? 1 : 2;
   const int num_down = down.isZero() ? 1 : 2;
   if (num_across * num_down == 1) {
-    SampleOnce(image, warp, stride, values->data());
+    sample(image, {warp, radius_px_, stride}, values->data());
     return true;
   }
   Eigen::VectorXf once(num_pixels);
@@ -192,50 +192,12 @@ bool PatchTemplate::Sample(const cv::Mat& image, const PatchWarp& warp, int stri
     for (int j = 0; j < num_down; ++j) {
       PatchWarp shifted = warp;
       shifted.center_px += (i == 0 ? across : -across) + (j == 0 ? down : -down);
-      SampleOnce(image, shifted, stride, once.data());
+      sample(image, {shifted, radius_px_, stride}, once.data());
       *values += once;
     }
   }
   *values /= static_cast<float>(num_across * num_down);
   return true;
-}
-
-void PatchTemplate::SampleOnce(const cv::Mat& image, const PatchWarp& warp, int stride,
-                               float* value) const {
-  const std::size_t step = image.step[0];
-  const Eigen::Matrix2f a = warp.affine.cast<float>();
-  const Eigen::Matrix<float, 2, 3> q = warp.quadratic.cast<float>();
-  const Eigen::Vector2f c = warp.center_px.cast<float>();
-  const cv::v_float32x4 unit = cv::v_setall_f32(1.0F / SplineTable::kOne);
-  for (int y = -radius_px_; y <= radius_px_; y += stride) {
-    const auto fy = static_cast<float>(y);
-    const float row_x = c.x() + (a(0, 1) + q(0, 2) * fy) * fy;
-    const float row_y = c.y() + (a(1, 1) + q(1, 2) * fy) * fy;
-    const float slope_x = a(0, 0) + q(0, 1) * fy;
-    const float slope_y = a(1, 0) + q(1, 1) * fy;
-    const auto cell_at = [&](int x) {
-      const auto fx = static_cast<float>(x);
-      return Locate(image, row_x + (slope_x + q(0, 0) * fx) * fx,
-                    row_y + (slope_y + q(1, 0) * fx) * fx);
-    };
-    int x = -radius_px_;
-    if (reading_ == PatchReading::kSmooth) {
-      const auto columns_at = [&](int at) {
-        const Cell cell = cell_at(at);
-        return WeighColumns(cell.corner, step, kSpline.At(cell.fraction_x),
-                            kSpline.At(cell.fraction_y));
-      };
-      for (; x + 3 * stride <= radius_px_; x += 4 * stride, value += 4) {
-        cv::v_store(value,
-                    cv::v_reduce_sum4(columns_at(x), columns_at(x + stride),
-                                      columns_at(x + 2 * stride), columns_at(x + 3 * stride)) *
-                        unit);
-      }
-      for (; x <= radius_px_; x += stride) *value++ = cv::v_reduce_sum(columns_at(x) * unit);
-    } else {
-      for (; x <= radius_px_; x += stride) *value++ = Bilinear(cell_at(x), step);
-    }
-  }
 }
 
 /// -1 where the values are all alike.

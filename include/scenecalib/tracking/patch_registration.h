@@ -107,7 +107,6 @@ class PatchTemplate {
 
   bool Sample(const cv::Mat& image, const PatchWarp& warp, int stride,
               Eigen::VectorXf* values) const;
-  void SampleOnce(const cv::Mat& image, const PatchWarp& warp, int stride, float* values) const;
   double Correlation(const Eigen::VectorXf& values) const;
 
   int radius_px_ = 0;
