@@ -62,6 +62,8 @@ LiveTracker::LiveTracker(CameraModelPtr model, const TrackingOptions& options, c
       options_(options),
       domain_(MakeDomainMask(*model_, seen, options_.registration.live_radius_px + 2)),
       allowed_(domain_.clone()),
+      open_(allowed_),
+      static_regions_(domain_, options_.static_regions),
       new_features_(options_.detection) {}
 
 FrameTracking LiveTracker::Add(const GrayImage& image) {
@@ -84,7 +86,10 @@ FrameTracking LiveTracker::Add(const GrayImage& image) {
   FlowPyramid pyramid = BuildFlowPyramid(image.pixels, equalise, options_.flow);
   if (!is_first) Follow(image, pyramid, &frame);
   RemoveDuplicates(pyramid.scale(), &frame);
-  if (++num_images_ % kFixedCheckPeriod == 0) RemoveFixed(&frame);
+  if (++num_images_ % kFixedCheckPeriod == 0) {
+    const bool is_allowed_changed = RemoveFixed(&frame);
+    RemoveStatic(pyramid, is_allowed_changed, &frame);
+  }
   frame.num_tracked =
       static_cast<int>(std::count_if(active_.begin(), active_.end(), [](const ActiveTrack& track) {
         return track.num_missed == 0;
@@ -342,8 +347,9 @@ void LiveTracker::RemoveDuplicates(double scale, FrameTracking* frame) {
   frame->num_rejected += EndOthers(is_kept, false);
 }
 
-/// Ends and forgets what is fixed to the vehicle, and keeps new features off it.
-void LiveTracker::RemoveFixed(FrameTracking* frame) {
+/// Ends and forgets what is fixed to the vehicle, and keeps new features off it; true when anything
+/// was.
+bool LiveTracker::RemoveFixed(FrameTracking* frame) {
   std::vector<FeatureMotion> motions;
   std::vector<std::size_t> judged;
   for (std::size_t i = 0; i < active_.size(); ++i) {
@@ -366,7 +372,30 @@ void LiveTracker::RemoveFixed(FrameTracking* frame) {
     is_kept[judged[k]] = 0;
     cv::circle(allowed_, ToPoint(motions[k].pixel), kFixedMarginPx, cv::Scalar(0), cv::FILLED);
   }
-  frame->num_rejected += EndOthers(is_kept, true);
+  const int num_removed = EndOthers(is_kept, true);
+  frame->num_rejected += num_removed;
+  return num_removed > 0;
+}
+
+/// Ends tracks where they come into regions that never move, and keeps new features off those.
+void LiveTracker::RemoveStatic(const FlowPyramid& pyramid, bool is_allowed_changed,
+                               FrameTracking* frame) {
+  const bool is_changed =
+      static_regions_.Add(pyramid, scene_flow_ ? &*scene_flow_ : nullptr, kFixedCheckPeriod);
+  const cv::Mat& mask = static_regions_.mask();
+  if (is_changed || is_allowed_changed) {
+    open_ = allowed_;
+    if (!mask.empty()) {
+      open_ = allowed_.clone();
+      open_.setTo(0, mask);
+    }
+  }
+  if (mask.empty()) return;
+  std::vector<char> is_kept(active_.size());
+  for (std::size_t i = 0; i < active_.size(); ++i) {
+    is_kept[i] = IsSet(mask, active_[i].place.pixel) ? 0 : 1;
+  }
+  frame->num_rejected += EndOthers(is_kept, false);
 }
 
 void LiveTracker::Learn(const FlowPyramid& pyramid, const std::vector<char>& is_extended) {
@@ -383,7 +412,7 @@ void LiveTracker::Learn(const FlowPyramid& pyramid, const std::vector<char>& is_
 void LiveTracker::Detect(const GrayImage& image, const FlowPyramid& pyramid, FrameTracking* frame) {
   FeatureSurroundings surroundings;
   surroundings.domain = domain_;
-  surroundings.allowed = allowed_;
+  surroundings.allowed = open_;
   for (const ActiveTrack& track : active_) {
     if (track.num_missed == 0) surroundings.live.push_back(track.place.pixel);
     if (track.straddles_edge) surroundings.avoided.push_back(track.place.pixel);

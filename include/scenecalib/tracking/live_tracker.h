@@ -14,6 +14,7 @@
 #include "scenecalib/tracking/patch_registration.h"
 #include "scenecalib/tracking/reference_registration.h"
 #include "scenecalib/tracking/scene_flow.h"
+#include "scenecalib/tracking/static_regions.h"
 #include "scenecalib/tracking/track.h"
 #include "scenecalib/tracking/tracking_options.h"
 
@@ -55,7 +56,7 @@ class LiveTracker {
   const std::vector<ActiveTrack>& active() const { return active_; }
 
   /// 255 where a whole patch sees the scene through the model and nothing is fixed to the vehicle.
-  cv::Mat Mask() const { return allowed_.clone(); }
+  cv::Mat Mask() const { return open_.clone(); }
 
  private:
   /// Where a feature is expected, and by how much its surroundings are stretched there.
@@ -77,7 +78,8 @@ class LiveTracker {
   void Learn(const FlowPyramid& pyramid, const std::vector<char>& is_extended);
   void EstimateSceneFlow(const std::vector<char>& is_extended);
   void RemoveDuplicates(double scale, FrameTracking* frame);
-  void RemoveFixed(FrameTracking* frame);
+  bool RemoveFixed(FrameTracking* frame);
+  void RemoveStatic(const FlowPyramid& pyramid, bool is_allowed_changed, FrameTracking* frame);
   void Detect(const GrayImage& image, const FlowPyramid& pyramid, FrameTracking* frame);
   /// Ends the tracks that are not kept; `forget` drops them altogether.
   int EndOthers(const std::vector<char>& is_kept, bool forget);
@@ -85,7 +87,9 @@ class LiveTracker {
   CameraModelPtr model_;
   TrackingOptions options_;
   cv::Mat domain_;   ///< 255 where a whole patch sees the scene through the model
-  cv::Mat allowed_;  ///< the same, without what was found to be fixed to the vehicle
+  cv::Mat allowed_;  ///< the same, without features found to be fixed to the vehicle
+  cv::Mat open_;     ///< the same, without regions that never move
+  StaticRegions static_regions_;
   NewFeatures new_features_;
   std::vector<ActiveTrack> active_;
   std::vector<LiveTrack> finished_;

@@ -191,6 +191,29 @@ struct VerificationOptions {
   }
 };
 
+/// Which parts of the image are fixed to the vehicle.
+struct StaticRegionOptions {
+  int min_samples = 8;
+  double min_motion_px = 6.0;
+  double min_gradient = 1.0;
+  double min_lasting_share = 0.6;
+  double max_share = 0.5;
+
+  void Visit(OptionVisitor& v) {
+    v.Field("min_samples", &min_samples, {0, 1000},
+            "looks at a tile, with the scene's motion between them, before it is judged; 0: static "
+            "regions are not looked for");
+    v.Field("min_motion_px", &min_motion_px, {1, 1000}, "that motion");
+    v.Field("min_gradient", &min_gradient, {0.1, 100},
+            "grey levels a reduced pixel (RMS, along the scene's motion) below which a tile is "
+            "empty");
+    v.Field("min_lasting_share", &min_lasting_share, {0.1, 1},
+            "share of the gradients' energy that stays in place in a static tile");
+    v.Field("max_share", &max_share, {0, 1},
+            "of the image; where more looks static nothing is taken for static");
+  }
+};
+
 /// How much of the past a tracker keeps.
 struct ImageBufferOptions {
   int max_images = 600;
@@ -212,6 +235,7 @@ struct TrackingOptions {
   RegistrationOptions registration;
   NoisyImageOptions noisy;
   VerificationOptions verification;
+  StaticRegionOptions static_regions;
   void Visit(OptionVisitor& v) {
     v.Group("buffer", &buffer);
     v.Group("detection", &detection);
@@ -219,6 +243,7 @@ struct TrackingOptions {
     v.Group("registration", &registration);
     v.Group("noisy", &noisy);
     v.Group("verification", &verification);
+    v.Group("static_regions", &static_regions);
   }
 };
 
