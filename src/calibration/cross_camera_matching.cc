@@ -31,6 +31,8 @@ constexpr double kOcclusionFloor_m = 0.1;
 constexpr double kOffPlane_m = 0.03;
 constexpr double kOffPlaneShare = 0.003;
 constexpr double kMaxRange_m = 150.0;
+/// Images with this share of their neighbours' sharpness are sharp.
+constexpr double kSharp = 0.7;
 
 using Candidate = std::pair<int, Timestamp>;  ///< source point, target stamp
 
@@ -227,12 +229,21 @@ class PairMatcher {
       if (!warp || warp->affine.determinant() <= 0.0) continue;
       const Eigen::Vector2d scales = ScalesOf(warp->affine);
       if (scales[0] > options_.max_scale || scales[1] < 1.0 / options_.max_scale) continue;
-      ranked.emplace_back(std::hypot(std::log(scales[0]), std::log(scales[1])), stamp);
+      ranked.emplace_back(std::hypot(std::log(scales[0]), std::log(scales[1])) + BlurOf(stamp),
+                          stamp);
     }
     std::sort(ranked.begin(), ranked.end());
     const std::size_t count =
         std::min(ranked.size(), static_cast<std::size_t>(options_.max_views_per_point));
     for (std::size_t k = 0; k < count; ++k) candidates->emplace_back(index, ranked[k].second);
+  }
+
+  /// How unlike the point's reference view an image is by its blur alone, on the scale of the
+  /// change of scale that would blur as much.
+  double BlurOf(Timestamp target_stamp) const {
+    const auto found = target_.relative_sharpness.find(target_stamp);
+    if (found == target_.relative_sharpness.end()) return 0.0;
+    return std::max(0.0, std::log(kSharp / std::max(1e-3, found->second)));
   }
 
   bool IsOccluded(const PlaneTransfer& transfer) const {

@@ -5,6 +5,8 @@
 #include <map>
 #include <utility>
 
+#include "scenecalib/tracking/image_quality.h"
+
 namespace scenecalib {
 namespace {
 
@@ -74,6 +76,7 @@ Result<MatchingCamera> PrepareForMatching(const JointCamera& camera, int index,
   if (!model.ok()) return model.status();
   result.model = *model;
   result.images = &camera.segment->images;
+  result.relative_sharpness = RelativeSharpness(camera.segment->images);
   const Rigid3 lidar_from_camera = parameters.LidarFromCamera();
   for (const auto& image : camera.segment->images) {
     const Timestamp stamp_ns = AddSeconds(image.first, joint.time_offset_s[c]);

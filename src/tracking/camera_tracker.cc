@@ -98,11 +98,14 @@ struct CameraTracker::Impl {
   int num_images_in = 0;
   int num_images_black = 0;
   int num_images_dropped = 0;
+  int num_images_still = 0;
+  Timestamp moved_stamp_ns = 0;  ///< of the newest image that is kept for good
   double brightness_sum = 0.0;
 
   Status Check(const GrayImage& image) const;
   void Keep(const GrayImage& kept, const cv::Mat& colour_pixels);
   void ForgetOldest();
+  void ForgetStill();
   void Register(const std::vector<LiveTrack>& followed, const cv::Mat& seen,
                 const ImageQuality& quality, CameraSegment* segment) const;
 };
@@ -156,6 +159,27 @@ void CameraTracker::Impl::ForgetOldest() {
   ++num_images_dropped;
 }
 
+/// Forgets the image before the newest one when between the last that is kept and the newest one
+/// nothing moved: a standstill does not push the drive out of the buffer.
+void CameraTracker::Impl::ForgetStill() {
+  const auto& images = grey.images();
+  if (images.size() < 2) {
+    moved_stamp_ns = images.rbegin()->first;
+    return;
+  }
+  const Timestamp previous_ns = std::next(images.rbegin())->first;
+  if (previous_ns <= moved_stamp_ns) return;
+  const auto motion_px = live->TypicalMotionPx(moved_stamp_ns);
+  if (!motion_px || *motion_px >= options.buffer.min_motion_px) {
+    moved_stamp_ns = previous_ns;
+    return;
+  }
+  live->ForgetPrevious();
+  colour.Remove(previous_ns);
+  grey.Remove(previous_ns);
+  ++num_images_still;
+}
+
 /// The final tracks from what was followed.
 void CameraTracker::Impl::Register(const std::vector<LiveTrack>& followed, const cv::Mat& seen,
                                    const ImageQuality& quality, CameraSegment* segment) const {
@@ -203,6 +227,7 @@ Result<FrameTracking> CameraTracker::AddImage(const GrayImage& image) {
   const FrameTracking frame = impl.live->Add(kept);
 
   impl.Keep(kept, image.colour);
+  impl.ForgetStill();
   impl.last_stamp_ns = kept.stamp_ns;
   ++impl.num_images_in;
   impl.num_images_black += frame.is_black ? 1 : 0;
@@ -218,6 +243,7 @@ CameraSegment CameraTracker::Segment() const {
   segment.colour_images = impl.colour.images();
   segment.num_images_in = impl.num_images_in;
   segment.num_images_dropped_at_bound = impl.num_images_dropped;
+  segment.num_images_still = impl.num_images_still;
   if (!impl.live) return segment;
   segment.mean_brightness = impl.brightness_sum / impl.num_images_in;
   if (!impl.store_status.ok()) {

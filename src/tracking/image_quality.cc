@@ -1,5 +1,7 @@
 #include "scenecalib/tracking/image_quality.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -56,6 +58,28 @@ ImageQuality MeasureImageQuality(const cv::Mat& image, const cv::Mat& mask) {
   const double noise_gradient = 0.5 * std::sqrt(2.0) * 0.7979 * quality.noise_levels;
   quality.sharpness = std::max(0.0, gradient_sum / count - noise_gradient);
   return quality;
+}
+
+std::map<Timestamp, double> RelativeSharpness(const std::map<Timestamp, cv::Mat>& images) {
+  constexpr std::ptrdiff_t kReach = 4;
+  std::vector<const cv::Mat*> in_order;
+  for (const auto& [stamp_ns, image] : images) in_order.push_back(&image);
+  const auto count = static_cast<std::ptrdiff_t>(in_order.size());
+  std::vector<double> sharpness(in_order.size());
+  tbb::parallel_for(std::ptrdiff_t{0}, count, [&](std::ptrdiff_t i) {
+    sharpness[i] = MeasureImageQuality(*in_order[i], cv::Mat()).sharpness;
+  });
+  std::map<Timestamp, double> relative;
+  std::ptrdiff_t i = 0;
+  for (const auto& [stamp_ns, image] : images) {
+    std::vector<double> near(sharpness.begin() + std::max(std::ptrdiff_t{0}, i - kReach),
+                             sharpness.begin() + std::min(count, i + kReach + 1));
+    const auto middle = near.begin() + static_cast<std::ptrdiff_t>(near.size() / 2);
+    std::nth_element(near.begin(), middle, near.end());
+    relative[stamp_ns] = *middle > 0.0 ? sharpness[i] / *middle : 1.0;
+    ++i;
+  }
+  return relative;
 }
 
 }  // namespace scenecalib

@@ -67,6 +67,7 @@ LiveTracker::LiveTracker(CameraModelPtr model, const TrackingOptions& options, c
       new_features_(options_.detection) {}
 
 FrameTracking LiveTracker::Add(const GrayImage& image) {
+  num_finished_before_ = finished_.size();
   FrameTracking frame;
   frame.stamp_ns = image.stamp_ns;
   const ImageQuality quality = MeasureImageQuality(image.pixels, domain_);
@@ -432,6 +433,43 @@ void LiveTracker::Detect(const GrayImage& image, const FlowPyramid& pyramid, Fra
   }
 }
 
+std::optional<double> LiveTracker::TypicalMotionPx(Timestamp since_ns) const {
+  constexpr std::size_t kMinFeatures = 12;
+  // Not the median: the own vehicle may hold as many features as the scene.
+  constexpr double kQuantile = 0.8;
+  std::vector<double> motions_px;
+  for (const ActiveTrack& track : active_) {
+    if (track.num_missed > 0) continue;
+    const auto& observations = track.track.observations;
+    auto then = observations.rbegin();
+    while (then != observations.rend() && then->stamp_ns > since_ns) ++then;
+    if (then == observations.rend() || then->stamp_ns != since_ns) continue;
+    motions_px.push_back((observations.back().pixel - then->pixel).norm());
+  }
+  if (motions_px.size() < kMinFeatures) return std::nullopt;
+  const auto typical =
+      motions_px.begin() +
+      static_cast<std::ptrdiff_t>(kQuantile * static_cast<double>(motions_px.size() - 1));
+  std::nth_element(motions_px.begin(), typical, motions_px.end());
+  return *typical;
+}
+
+void LiveTracker::ForgetPrevious() {
+  const Timestamp stamp_ns = before_previous_stamp_ns_;
+  const auto forget = [stamp_ns](LiveTrack* track) {
+    auto& observations = track->observations;
+    auto found = observations.rbegin();
+    while (found != observations.rend() && found->stamp_ns > stamp_ns) ++found;
+    if (found != observations.rend() && found->stamp_ns == stamp_ns) {
+      observations.erase(std::next(found).base());
+    }
+  };
+  for (ActiveTrack& track : active_) forget(&track.track);
+  // Those that ended before the newest image did not reach it.
+  const std::size_t begin = std::min(num_finished_before_, finished_.size());
+  for (std::size_t i = begin; i < finished_.size(); ++i) forget(&finished_[i]);
+}
+
 void LiveTracker::Forget(Timestamp stamp_ns) {
   const auto forget = [stamp_ns](LiveTrack* track) {
     auto& observations = track->observations;
@@ -453,6 +491,9 @@ void LiveTracker::Forget(Timestamp stamp_ns) {
 std::vector<LiveTrack> LiveTracker::Tracks() const {
   std::vector<LiveTrack> tracks = finished_;
   for (const ActiveTrack& track : active_) tracks.push_back(track.track);
+  tracks.erase(std::remove_if(tracks.begin(), tracks.end(),
+                              [](const LiveTrack& track) { return track.observations.empty(); }),
+               tracks.end());
   return tracks;
 }
 

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <optional>
 
@@ -127,6 +128,31 @@ TEST_F(CrossCameraMatchingTest, ExposureOfTheOtherCameraDoesNotMatter) {
   for (const CrossCameraMatch& match : matching.matches) {
     EXPECT_LT(ErrorOf(match, match.pixel), 0.15);
   }
+}
+
+TEST_F(CrossCameraMatchingTest, ABlurredImageGivesWayToASharpNeighbour) {
+  AddPoints();
+  CrossCameraOptions options;
+  options.max_views_per_point = 1;
+  const Timestamp first = images_[1].begin()->first;
+  const Timestamp second = first + 100000000;
+  images_[1][second] = images_[1].at(first).clone();
+  cameras_[1].map_from_camera[second] = true_map_from_camera_[1];
+  for (FeaturePoint& point : cameras_[1].points) point.stamps_ns.push_back(second);
+  const auto num_into = [&](Timestamp stamp) {
+    const auto matches = Match(options).matches;
+    return std::count_if(matches.begin(), matches.end(), [&](const CrossCameraMatch& match) {
+      return match.target_camera == 1 && match.target_stamp_ns == stamp;
+    });
+  };
+  EXPECT_GT(num_into(first), 20) << "both are as near in scale; the first comes first";
+  EXPECT_EQ(num_into(second), 0);
+  cameras_[1].relative_sharpness = {{first, 0.6}, {second, 1.0}};
+  EXPECT_EQ(num_into(first), 0);
+  EXPECT_GT(num_into(second), 20);
+  // A little less sharp is as good.
+  cameras_[1].relative_sharpness = {{first, 0.95}, {second, 1.05}};
+  EXPECT_GT(num_into(first), 20);
 }
 
 TEST_F(CrossCameraMatchingTest, APointBehindSomethingIsNotMatched) {

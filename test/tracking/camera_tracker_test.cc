@@ -329,6 +329,97 @@ TEST(CameraTracker, ForgetsTheOldestImagesAtItsBound) {
   }
 }
 
+constexpr int kStop = 6;
+
+/// The street, with a stand of `num_still` images with noise of their own after the sixth. In all
+/// but the first and the last three of them something hides a part of the scene.
+CameraSegment TrackStreetWithAStand(int num_still, const TrackingOptions& options,
+                                    const cv::Rect& hidden = {}) {
+  const Texture passing(11, 8.0, 30.0);
+  CameraTracker tracker("cam", Pinhole(), options);
+  Random random(5);
+  for (int i = 0; i < kNumImages + num_still; ++i) {
+    const bool is_still = i > kStop && i <= kStop + num_still;
+    cv::Mat image = StreetImages(Pinhole())[is_still    ? kStop
+                                            : i > kStop ? i - num_still
+                                                        : i]
+                        .clone();
+    if (is_still) {
+      for (int y = 0; y < image.rows; ++y) {
+        for (int x = 0; x < image.cols; ++x) {
+          const bool is_hidden =
+              i > kStop + 3 && i <= kStop + num_still - 3 && hidden.contains(cv::Point(x, y));
+          const double scene = is_hidden ? passing(x - 9.0 * i, y) : image.at<uchar>(y, x);
+          image.at<uchar>(y, x) = testing::ToGrey(scene + 2.0 * random.Gaussian());
+        }
+      }
+    }
+    EXPECT_TRUE(tracker.AddImage({Stamp(i), image}).ok());
+  }
+  return tracker.Segment();
+}
+
+TEST(CameraTracker, AStandDoesNotPushTheDriveOutOfTheBuffer) {
+  constexpr int kNumStill = 20;
+  TrackingOptions options = SmallOptions();
+  options.buffer.max_images = kNumImages + 1;
+  const CameraSegment segment = TrackStreetWithAStand(kNumStill, options);
+  EXPECT_EQ(segment.num_images_dropped_at_bound, 0);
+  EXPECT_EQ(segment.num_images_still, kNumStill - 1) << "the last of them stays";
+  EXPECT_EQ(segment.images.begin()->first, Stamp(0));
+  EXPECT_EQ(segment.images.size(), static_cast<std::size_t>(kNumImages) + 1);
+  int num_across = 0;
+  for (const Track& track : segment.tracks) {
+    for (const TrackObservation& o : track.observations) {
+      ASSERT_EQ(segment.images.count(o.stamp_ns), 1U);
+    }
+    num_across += track.observations.front().stamp_ns < Stamp(6) &&
+                          track.observations.back().stamp_ns > Stamp(6 + kNumStill)
+                      ? 1
+                      : 0;
+  }
+  EXPECT_GT(num_across, 50) << "tracks go on where the vehicle starts again";
+
+  options.buffer.min_motion_px = 0.0;
+  const CameraSegment all = TrackStreetWithAStand(kNumStill, options);
+  EXPECT_EQ(all.num_images_still, 0);
+  EXPECT_EQ(all.num_images_dropped_at_bound, kNumStill - 1);
+}
+
+TEST(CameraTracker, FindsFeaturesAgainThatWereHiddenDuringAStand) {
+  constexpr int kNumStill = 20;
+  const cv::Rect hidden(230, 100, 120, 100);
+  ASSERT_GT(kNumStill - 6, 2 * SmallOptions().flow.max_gap_images);
+  const auto num_across = [&](const CameraSegment& segment) {
+    int count = 0;
+    for (const Track& track : segment.tracks) {
+      const auto at_stop = std::find_if(
+          track.observations.begin(), track.observations.end(),
+          [](const TrackObservation& observation) { return observation.stamp_ns == Stamp(kStop); });
+      if (at_stop == track.observations.end()) continue;
+      const cv::Point pixel(static_cast<int>(at_stop->pixel.x()),
+                            static_cast<int>(at_stop->pixel.y()));
+      count += hidden.contains(pixel) && track.observations.front().stamp_ns < Stamp(kStop) &&
+                       track.observations.back().stamp_ns > Stamp(kStop + kNumStill)
+                   ? 1
+                   : 0;
+    }
+    return count;
+  };
+  const int num_in_view = num_across(TrackStreetWithAStand(kNumStill, SmallOptions()));
+  const int num_hidden = num_across(TrackStreetWithAStand(kNumStill, SmallOptions(), hidden));
+  ASSERT_GT(num_in_view, 10);
+  EXPECT_GT(num_hidden, 0.5 * num_in_view);
+  // Were all images kept, they would have been hidden for too many.
+  TrackingOptions all = SmallOptions();
+  all.buffer.min_motion_px = 0.0;
+  EXPECT_LT(num_across(TrackStreetWithAStand(kNumStill, all, hidden)), 0.2 * num_in_view);
+}
+
+TEST(CameraTracker, ADriveLosesNoImage) {
+  EXPECT_EQ(TrackStreet(Pinhole(), SmallOptions()).num_images_still, 0);
+}
+
 TEST(CameraTracker, TracksTheSameWhetherImagesAreInMemoryOrInFiles) {
   TrackingOptions options = SmallOptions();
   const CameraSegment in_memory = TrackStreet(Pinhole(), options);

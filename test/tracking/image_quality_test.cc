@@ -58,5 +58,30 @@ TEST(ImageQuality, BlurLowersSharpnessAndNoiseDoesNotRaiseIt) {
   EXPECT_LT(MeasureImageQuality(noisy, cv::Mat()).sharpness, 0.1 * sharpness);
 }
 
+TEST(RelativeSharpness, NamesTheBlurredAmongItsNeighbours) {
+  const Texture texture(3, 6.0, 30.0);
+  std::map<Timestamp, cv::Mat> images;
+  for (int i = 0; i < 12; ++i) {
+    images[i] = Render(
+        200, 150, [&](double x, double y) { return texture(x + 5.0 * i, y); }, 1.0, i);
+  }
+  cv::blur(images[5], images[5], {9, 1});
+  for (const auto& [stamp_ns, relative] : RelativeSharpness(images)) {
+    if (stamp_ns == 5) {
+      EXPECT_LT(relative, 0.75);
+    } else {
+      EXPECT_NEAR(relative, 1.0, 0.1);
+    }
+  }
+}
+
+TEST(RelativeSharpness, SaysNothingWhereThereIsNothingToSee) {
+  EXPECT_TRUE(RelativeSharpness({}).empty());
+  const cv::Mat black(100, 100, CV_8UC1, cv::Scalar(0));
+  for (const auto& [stamp_ns, relative] : RelativeSharpness({{1, black}, {2, black}})) {
+    EXPECT_EQ(relative, 1.0);
+  }
+}
+
 }  // namespace
 }  // namespace scenecalib

@@ -85,6 +85,9 @@ struct MatchingCamera {
   const std::map<Timestamp, cv::Mat>* images = nullptr;  ///< 8-bit grey, not owned
   std::map<Timestamp, Rigid3> map_from_camera;           ///< at the images' stamps
   std::vector<FeaturePoint> points;
+  /// Of the images, against their neighbours in time (RelativeSharpness); where it is missing an
+  /// image passes for sharp.
+  std::map<Timestamp, double> relative_sharpness;
 };
 
 /// One correspondence: the reference pixel of a feature point of the source camera is seen at

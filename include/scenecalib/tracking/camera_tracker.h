@@ -22,6 +22,7 @@ struct CameraSegment {
   std::map<Timestamp, cv::Mat> colour_images;
   int num_images_in = 0;
   int num_images_dropped_at_bound = 0;
+  int num_images_still = 0;  ///< not kept: nothing had moved (ImageBufferOptions::min_motion_px)
   double mean_brightness = 0.0;
   std::vector<std::string> warnings;  ///< "cam_left: 40 of 66 images are black", ...
 };

@@ -1,6 +1,9 @@
 #pragma once
 
+#include <map>
 #include <opencv2/core.hpp>
+
+#include "scenecalib/base/timestamp.h"
 
 namespace scenecalib {
 
@@ -17,5 +20,10 @@ struct ImageQuality {
 /// texture raises it, so it is rather an upper bound. About 20 000 pixels are read, on a fixed
 /// grid.
 ImageQuality MeasureImageQuality(const cv::Mat& image, const cv::Mat& mask);
+
+/// Every image's sharpness as a share of the median of its neighbours' in time (four on either
+/// side) and its own: what they show hardly differs, so well below 1 it is blurred by the
+/// vehicle's or the camera's shaking. 1 where nothing can be said.
+std::map<Timestamp, double> RelativeSharpness(const std::map<Timestamp, cv::Mat>& images);
 
 }  // namespace scenecalib

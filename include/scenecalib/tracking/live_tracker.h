@@ -47,6 +47,13 @@ class LiveTracker {
   /// `pixels` must stay unchanged while the tracker lives.
   FrameTracking Add(const GrayImage& image);
 
+  /// How far features have moved in the image between an earlier one and the newest: a fifth of
+  /// them moved further. None when too few were seen in both.
+  std::optional<double> TypicalMotionPx(Timestamp since_ns) const;
+
+  /// Takes back the image before the newest one: its sightings are dropped.
+  void ForgetPrevious();
+
   /// Drops sightings up to this time, and what then is no track any more.
   void Forget(Timestamp stamp_ns);
 
@@ -93,6 +100,7 @@ class LiveTracker {
   NewFeatures new_features_;
   std::vector<ActiveTrack> active_;
   std::vector<LiveTrack> finished_;
+  std::size_t num_finished_before_ = 0;  ///< the newest image
   std::int64_t next_id_ = 0;
 
   int num_images_ = 0;
@@ -101,7 +109,7 @@ class LiveTracker {
   cv::Mat previous_image_;
   FlowPyramid previous_pyramid_;
   bool previous_equalised_ = false;
-  Timestamp previous_stamp_ns_ = 0;
+  Timestamp previous_stamp_ns_ = 0;  ///< of the newest image, once it is taken in
   Timestamp before_previous_stamp_ns_ = 0;
   std::optional<SceneFlow> scene_flow_;  ///< between the last two images
 };

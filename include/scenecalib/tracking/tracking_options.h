@@ -218,12 +218,16 @@ struct StaticRegionOptions {
 struct ImageBufferOptions {
   int max_images = 600;
   int max_memory_mib = 512;
+  double min_motion_px = 0.5;
   void Visit(OptionVisitor& v) {
     v.Field("max_images", &max_images, {10, 100000},
             "images kept per camera; beyond it the oldest are forgotten with their observations");
     v.Field("max_memory_mib", &max_memory_mib, {1, 1000000},
             "memory for a camera's grey images, and as much for its colour images; older ones lie "
             "in temporary files ($TMPDIR, else /tmp) until they are looked at");
+    v.Field("min_motion_px", &min_motion_px, {0, 100},
+            "an image in which four features of five moved less than this shows nothing new, as at "
+            "a standstill, and is not kept; 0 keeps all");
   }
 };
 
