@@ -13,6 +13,7 @@
 #include "scenecalib/base/log.h"
 #include "scenecalib/evaluation/rig_comparison.h"
 #include "scenecalib/evaluation/trajectory_error.h"
+#include "scenecalib/geometry/so3.h"
 #include "scenecalib/io/options_yaml.h"
 #include "scenecalib/pipeline/calibration_pipeline.h"
 
@@ -29,6 +30,7 @@ struct Arguments {
   std::string config;
   bool true_trajectory = false;
   bool true_intrinsics = false;
+  bool alone = false;
   double time_offset_ms = 0.0;
 };
 
@@ -91,6 +93,40 @@ Result<PipelineResult> Calibrate(const SimulatedDrive& drive, const Rig& initial
   return pipeline->Run({}, known);
 }
 
+/// Errors of the transforms between all pairs of cameras, true camera from estimated camera.
+void ReportPairs(const char* name, const Rig& truth, const Rig& estimate) {
+  const auto between = [](const Rig& rig, std::size_t i, std::size_t j) {
+    return rig.cameras[i].lidar_from_camera.Inverse() * rig.cameras[j].lidar_from_camera;
+  };
+  std::vector<double> errors_deg, errors_mm;
+  for (std::size_t i = 0; i < truth.cameras.size(); ++i) {
+    for (std::size_t j = i + 1; j < truth.cameras.size(); ++j) {
+      const Rigid3 error = between(truth, i, j).Inverse() * between(estimate, i, j);
+      errors_deg.push_back(kDegrees * LogSo3(error.rotation).norm());
+      errors_mm.push_back(1e3 * error.translation.norm());
+    }
+  }
+  if (errors_deg.empty()) return;
+  std::printf("  between cameras, %s: median %.4f deg %.2f mm, worst %.4f deg %.2f mm\n", name,
+              Quantile(&errors_deg, 0.5), Quantile(&errors_mm, 0.5),
+              *std::max_element(errors_deg.begin(), errors_deg.end()),
+              *std::max_element(errors_mm.begin(), errors_mm.end()));
+}
+
+/// Calibrates each camera as if it were the only one.
+Result<Rig> CalibrateAlone(const PipelineResult& result, const CalibrationOptions& options) {
+  Rig alone = result.initial_rig;
+  for (std::size_t c = 0; c < alone.cameras.size(); ++c) {
+    Rig one = result.initial_rig;
+    one.cameras = {result.initial_rig.cameras[c]};
+    const auto calibration =
+        CalibrateRig(one, result.mapping.map, {result.segments[c]}, options, {});
+    if (!calibration.ok()) return calibration.status();
+    alone.cameras[c] = calibration->result.rig.cameras[0];
+  }
+  return alone;
+}
+
 Status Report(const SimulatedDrive& drive, const Arguments& arguments,
               const PipelineResult& result) {
   const auto errors = CompareRigs(drive.rig(), result.calibration.result.rig);
@@ -121,6 +157,7 @@ Status Report(const SimulatedDrive& drive, const Arguments& arguments,
       std::printf("           %s\n", reason.c_str());
   }
   ReportMatches(drive, result.calibration.evidence.matches);
+  ReportPairs("together", drive.rig(), result.calibration.result.rig);
   std::printf("  ");
   for (const StageCost& cost : result.costs) {
     std::printf("%s %.1f s; ", cost.stage.c_str(), cost.wall_s);
@@ -157,7 +194,12 @@ Status Run(const DriveSpec& spec, const Arguments& arguments) {
   std::printf("%s%s%s\n", Describe(spec).c_str(),
               arguments.true_trajectory ? ", true trajectory" : "",
               arguments.true_intrinsics ? ", true intrinsics held" : "");
-  return Report(*drive, arguments, *result);
+  SCENECALIB_RETURN_IF_ERROR(Report(*drive, arguments, *result));
+  if (!arguments.alone) return Status::Ok();
+  const Result<Rig> alone = CalibrateAlone(*result, options.calibration);
+  if (!alone.ok()) return alone.status();
+  ReportPairs("each alone", drive->rig(), *alone);
+  return Status::Ok();
 }
 
 }  // namespace
@@ -181,6 +223,7 @@ int main(int argc, char** argv) {
   app.add_option("--cache", arguments.drive.cache_directory, "directory to keep the drives in");
   app.add_flag("--true-trajectory", arguments.true_trajectory, "instead of the estimated one");
   app.add_flag("--true-intrinsics", arguments.true_intrinsics, "given and held");
+  app.add_flag("--alone", arguments.alone, "also calibrate every camera alone, for comparison");
   app.add_option("--time-offset-ms", arguments.time_offset_ms,
                  "the initial time offsets are off by so much, plus and minus in turn; estimated");
   CLI11_PARSE(app, argc, argv);

@@ -14,6 +14,7 @@ foreach(program IN LISTS programs)
   string(REGEX REPLACE "_main$" "" name ${name})
   add_executable(${name} ${program})
   target_compile_options(${name} PRIVATE -Wall -Wextra -Wpedantic)
+  target_include_directories(${name} PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}/test)  # scenes of the tests
   target_link_libraries(${name} scenecalib_bench)
   if(name MATCHES "_bench$")
     target_link_libraries(${name} benchmark::benchmark_main)
