@@ -41,14 +41,20 @@ cv::Mat Reduced(const cv::Mat& overlay, int image_height_px) {
   return reduced;
 }
 
-/// Where to look at the cloud from: behind and above the middle of the drive, along it.
+/// Where to look at the cloud from: above a place of the drive, where no wall can be, along the
+/// drive's middle part.
 Rigid3 ViewOf(const Trajectory& map_from_lidar) {
   constexpr double kBack_m = 14.0;
-  constexpr double kUp_m = 7.0;
-  constexpr double kDown_rad = 0.35;
+  constexpr double kUp_m = 5.0;
+  constexpr double kDown_rad = 0.3;
   const std::vector<TimedPose>& poses = map_from_lidar.poses();
-  const Rigid3& middle = poses[poses.size() / 2].map_from_lidar;
-  Eigen::Vector3d along = poses.back().map_from_lidar.translation - middle.translation;
+  const Eigen::Vector3d middle = poses[poses.size() / 2].map_from_lidar.translation;
+  std::size_t from = poses.size() / 2;
+  const auto to_middle = [&](std::size_t i) {
+    return Eigen::Vector3d(middle - poses[i].map_from_lidar.translation);
+  };
+  while (from > 0 && to_middle(from).norm() < kBack_m) --from;
+  Eigen::Vector3d along = to_middle(from);
   along.z() = 0.0;
   along = along.norm() > 1e-3 ? along.normalized() : Eigen::Vector3d::UnitX();
   const Eigen::Vector3d forward =
@@ -57,7 +63,7 @@ Rigid3 ViewOf(const Trajectory& map_from_lidar) {
   Eigen::Matrix3d rotation;
   rotation << right, forward.cross(right), forward;
   return Rigid3(Eigen::Quaterniond(rotation),
-                middle.translation - kBack_m * along + kUp_m * Eigen::Vector3d::UnitZ());
+                poses[from].map_from_lidar.translation + kUp_m * Eigen::Vector3d::UnitZ());
 }
 
 /// Coloured points as squares, the nearest on top.
