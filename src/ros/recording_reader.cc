@@ -27,7 +27,9 @@ namespace scenecalib {
 namespace {
 
 /// Messages waiting per sensor.
-constexpr std::size_t kQueueLength = 32;
+constexpr std::size_t kQueueLength = 16;
+/// IMU and odometry messages that wait for a scan.
+constexpr std::size_t kMaxBatch = 1000;
 
 template <typename Message>
 std::string DataType() {
@@ -143,19 +145,25 @@ class PipelineFeeder {
   void Feed(BagMessage&& raw) {
     const auto message = std::make_shared<const BagMessage>(std::move(raw));
     if (message->topic == rig_.lidar.topic) {
-      Push(lidar_.get(), [this, message] { HandleScan(*message); });
+      motion_.push_back([this, message] { HandleScan(*message); });
+      PushMotion();
     } else if (rig_.imu && message->topic == rig_.imu->topic) {
-      Push(lidar_.get(), [this, message] { HandleImu(*message); });
+      motion_.push_back([this, message] { HandleImu(*message); });
     } else if (rig_.odometry && message->topic == rig_.odometry->topic) {
-      Push(lidar_.get(), [this, message] { HandleOdometry(*message); });
+      motion_.push_back([this, message] { HandleOdometry(*message); });
     }
+    if (motion_.size() >= kMaxBatch) PushMotion();
     for (std::size_t i = 0; i < rig_.cameras.size(); ++i) {
       if (message->topic != rig_.cameras[i].image_topic) continue;
       Push(cameras_[i].get(), [this, i, message] { HandleImage(static_cast<int>(i), *message); });
     }
   }
 
+  /// Around the reading, in the thread that calls Feed().
+  void Begin() { slots_.TakeFirst(); }
   void Finish() {
+    PushMotion();
+    slots_.Give();
     lidar_->Finish();
     for (const auto& camera : cameras_) camera->Finish();
   }
@@ -169,27 +177,52 @@ class PipelineFeeder {
     explicit Slots(std::size_t count) : free_(count) {}
     void Take() {
       std::unique_lock<std::mutex> lock(mutex_);
-      changed_.wait(lock, [this] { return free_ > 0; });
+      changed_.wait(lock, [this] { return free_ > 0 && !first_waits_; });
       --free_;
+    }
+    /// Before all who wait in Take().
+    void TakeFirst() {
+      std::unique_lock<std::mutex> lock(mutex_);
+      first_waits_ = true;
+      changed_.wait(lock, [this] { return free_ > 0; });
+      first_waits_ = false;
+      --free_;
+      changed_.notify_all();
     }
     void Give() {
       const std::lock_guard<std::mutex> lock(mutex_);
       ++free_;
-      changed_.notify_one();
+      changed_.notify_all();
     }
 
    private:
     std::mutex mutex_;
     std::condition_variable changed_;
     std::size_t free_;
+    bool first_waits_ = false;
   };
 
+  /// A scan together with the IMU and odometry messages before it: by themselves these would fill
+  /// the queue after a tenth of a second.
+  void PushMotion() {
+    if (motion_.empty()) return;
+    Push(lidar_.get(), [batch = std::exchange(motion_, {})] {
+      for (const std::function<void()>& handle : batch) handle();
+    });
+  }
+
+  /// The reader holds a slot of its own except where it waits for room: unpacking a bag is work of
+  /// one thread, and whoever waits for its messages leaves the other processors idle.
   void Push(BoundedWorker* worker, std::function<void()> handle) {
-    worker->Push([this, handle = std::move(handle)] {
+    std::function<void()> task = [this, handle = std::move(handle)] {
       slots_.Take();
       handle();
       slots_.Give();
-    });
+    };
+    if (worker->TryPush(task)) return;
+    slots_.Give();
+    worker->Push(std::move(task));
+    slots_.TakeFirst();
   }
 
   void HandleScan(const BagMessage& raw) {
@@ -240,6 +273,7 @@ class PipelineFeeder {
   const Rig& rig_;
   CalibrationPipeline* pipeline_;
   Slots slots_;
+  std::vector<std::function<void()>> motion_;
   std::unique_ptr<BoundedWorker> lidar_;
   std::vector<std::unique_ptr<BoundedWorker>> cameras_;
   std::vector<ImageConverter> converters_;
@@ -340,6 +374,7 @@ Result<ReadingReport> FeedPipeline(const Rig& rig, int threads, BagRecording* re
     }
     return go_on;
   };
+  feeder.Begin();
   recording->ForEachMessage(feeder.Topics(), feed, window);
   feeder.Finish();
   if (!go_on) return Status::Cancelled("stopped while reading " + recording->name());
