@@ -4,8 +4,10 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "patch_sampling.h"
+#include "patch_sums.h"
 #include "pixel_grid.h"
 #include "pixel_kernels.h"
 
@@ -53,7 +55,8 @@ double BlurPx(int index) {
 /// The rows of the pixels that take part in coarse steps.
 Eigen::MatrixXf Thinned(const Eigen::MatrixXf& by_pixel, int edge) {
   const int coarse_edge = (edge + kCoarseStride - 1) / kCoarseStride;
-  Eigen::MatrixXf thinned(coarse_edge * coarse_edge, by_pixel.cols());
+  Eigen::MatrixXf thinned =
+      Eigen::MatrixXf::Zero(PaddedCount(coarse_edge * coarse_edge), by_pixel.cols());
   for (Eigen::Index column = 0; column < by_pixel.cols(); ++column) {
     float* out = thinned.col(column).data();
     for (int y = 0; y < edge; y += kCoarseStride) {
@@ -84,9 +87,8 @@ std::optional<PatchTemplate> PatchTemplate::Create(const cv::Mat& image,
   const int num_motion = freedom == WarpFreedom::kShift ? 2 : 6;
   const int n = num_motion + 2;
   patch.num_parameters_ = n;
-  patch.reference_.resize(num_pixels);
-  patch.design_.resize(num_pixels, n);
-  Eigen::VectorXf weights(num_pixels);
+  patch.design_ = Eigen::MatrixXf::Zero(PaddedCount(num_pixels), n);
+  Eigen::VectorXf weights = Eigen::VectorXf::Zero(patch.design_.rows());
 
   // The offsets of the affine columns are scaled by the radius so that the normal matrix is well
   // conditioned in single precision; Register undoes it.
@@ -100,30 +102,28 @@ std::optional<PatchTemplate> PatchTemplate::Create(const cv::Mat& image,
                        ? ReadGridSmoothed(image, center_px, radius_px + margin)
                        : ReadGridBilinear(image, center_px, radius_px);
   if (margin > 0) Blur(blur_px, margin, &grid);
-  int i = 0;
-  for (int y = -radius_px; y <= radius_px; ++y) {
-    for (int x = -radius_px; x <= radius_px; ++x, ++i) {
-      const float gradient_x = grid.gradient_x(y + radius_px, x + radius_px);
-      const float gradient_y = grid.gradient_y(y + radius_px, x + radius_px);
-      const float u = static_cast<float>(x) * inverse_radius;
-      const float v = static_cast<float>(y) * inverse_radius;
-      weights[i] = profile[x + radius_px] * profile[y + radius_px];
-      patch.reference_[i] = grid.value(y + radius_px, x + radius_px);
-      patch.design_(i, 0) = gradient_x;
-      patch.design_(i, 1) = gradient_y;
-      if (freedom == WarpFreedom::kAffine) {
-        patch.design_(i, 2) = gradient_x * u;
-        patch.design_(i, 3) = gradient_x * v;
-        patch.design_(i, 4) = gradient_y * u;
-        patch.design_(i, 5) = gradient_y * v;
-      }
+  const auto design_column = [&](int column) { return patch.design_.col(column).data(); };
+  std::copy_n(grid.value.data(), num_pixels, design_column(num_motion));
+  std::copy_n(grid.gradient_x.data(), num_pixels, design_column(0));
+  std::copy_n(grid.gradient_y.data(), num_pixels, design_column(1));
+  std::fill_n(design_column(num_motion + 1), num_pixels, 1.0F);
+  const Eigen::VectorXf offset =
+      inverse_radius * Eigen::VectorXf::LinSpaced(edge, static_cast<float>(-radius_px),
+                                                  static_cast<float>(radius_px));
+  for (int y = 0; y < edge; ++y) {
+    const int first = y * edge;
+    weights.segment(first, edge) = profile[y] * profile;
+    if (freedom != WarpFreedom::kAffine) continue;
+    for (int axis = 0; axis < 2; ++axis) {
+      const auto gradient = patch.design_.col(axis).segment(first, edge);
+      patch.design_.col(2 + 2 * axis).segment(first, edge) = gradient.cwiseProduct(offset);
+      patch.design_.col(3 + 2 * axis).segment(first, edge) = gradient * offset[y];
     }
   }
   weights /= weights.sum();
-  patch.reference_.array() -= weights.dot(patch.reference_);
-  patch.variance_ = weights.dot(patch.reference_.cwiseAbs2());
-  patch.design_.col(num_motion) = patch.reference_;
-  patch.design_.col(num_motion + 1).setOnes();
+  patch.design_.col(num_motion).head(num_pixels).array() -=
+      weights.dot(patch.design_.col(num_motion));
+  patch.variance_ = weights.dot(patch.design_.col(num_motion).cwiseAbs2());
   // A patch without structure in some direction has no inverse.
   patch.fine_ = MakeNormal(patch.design_, weights);
   if (!(patch.variance_ > 1e-3) || patch.fine_.inverse.size() == 0) return std::nullopt;
@@ -132,24 +132,19 @@ std::optional<PatchTemplate> PatchTemplate::Create(const cv::Mat& image,
     patch.coarse_.stride = kCoarseStride;
   }
   // Weighted least squares with a window that is not the inverse noise: the sandwich.
-  const SmallMatrix meat = (patch.fine_.weighted.transpose() * patch.fine_.weighted).cast<double>();
-  patch.unit_covariance_ = (patch.fine_.inverse * meat * patch.fine_.inverse).topLeftCorner<2, 2>();
+  patch.unit_covariance_ =
+      (patch.fine_.inverse * patch.fine_.meat * patch.fine_.inverse).topLeftCorner<2, 2>();
   return patch;
 }
 
 PatchTemplate::Normal PatchTemplate::MakeNormal(const Eigen::MatrixXf& design,
                                                 const Eigen::VectorXf& weights) {
   const Eigen::Index n = design.cols();
+  PatchGram gram = GramOf(design, weights);
   Normal normal;
-  normal.weighted = weights.asDiagonal() * design;
-  SmallMatrix matrix(n, n);
-  for (Eigen::Index row = 0; row < n; ++row) {
-    for (Eigen::Index column = 0; column <= row; ++column) {
-      matrix(row, column) = design.col(row).dot(normal.weighted.col(column));
-      matrix(column, row) = matrix(row, column);
-    }
-  }
-  const Eigen::LDLT<SmallMatrix> factor(matrix);
+  normal.weighted = std::move(gram.weighted);
+  normal.meat = gram.meat;
+  const Eigen::LDLT<SmallMatrix> factor(gram.normal);
   const double min_pivot = factor.vectorD().minCoeff();
   if (factor.info() == Eigen::Success && min_pivot > kMinPivot * weights.sum()) {
     normal.inverse = factor.solve(SmallMatrix::Identity(n, n));
@@ -178,7 +173,7 @@ bool PatchTemplate::Sample(const cv::Mat& image, const PatchWarp& warp, int stri
     }
   }
   const Eigen::Index num_pixels = stride == 1 ? fine_.weighted.rows() : coarse_.weighted.rows();
-  values->resize(num_pixels);
+  if (values->size() != num_pixels) values->setZero(num_pixels);
   const PatchSampler sample = FastestSampler(reading_);
   const int num_across = across.isZero() ? 1 : 2;
   const int num_down = down.isZero() ? 1 : 2;
@@ -186,7 +181,7 @@ bool PatchTemplate::Sample(const cv::Mat& image, const PatchWarp& warp, int stri
     sample(image, {warp, radius_px_, stride}, values->data());
     return true;
   }
-  Eigen::VectorXf once(num_pixels);
+  Eigen::VectorXf once = Eigen::VectorXf::Zero(num_pixels);
   values->setZero();
   for (int i = 0; i < num_across; ++i) {
     for (int j = 0; j < num_down; ++j) {
@@ -202,11 +197,11 @@ bool PatchTemplate::Sample(const cv::Mat& image, const PatchWarp& warp, int stri
 
 /// -1 where the values are all alike.
 double PatchTemplate::Correlation(const Eigen::VectorXf& values) const {
-  const auto weights = fine_.weighted.col(num_parameters_ - 1);
-  const float mean = weights.dot(values);
-  const double variance = weights.dot((values.array() - mean).matrix().cwiseAbs2());
+  const WeightedMoments moments =
+      MomentsOf(values, Weights(), fine_.weighted.col(num_parameters_ - 2).data());
+  const double variance = moments.variance;
   if (!(variance > 1e-6)) return -1.0;
-  return fine_.weighted.col(num_parameters_ - 2).dot(values) / std::sqrt(variance * variance_);
+  return moments.product / std::sqrt(variance * variance_);
 }
 
 std::optional<PatchMatch> PatchTemplate::Register(const cv::Mat& image, const PatchWarp& initial,
@@ -215,13 +210,15 @@ std::optional<PatchMatch> PatchTemplate::Register(const cv::Mat& image, const Pa
   match.warp = initial;
   const int num_motion = num_parameters_ - 2;
   Eigen::VectorXf values;
+  SmallVector products(num_parameters_);
   SmallVector solution(num_parameters_);
   bool converged = false;
   int num_fine = 0;
   const Normal* normal = coarse_.inverse.size() > 0 ? &coarse_ : &fine_;
   for (; match.iterations < limits.max_iterations && !converged; ++match.iterations) {
     if (!Sample(image, match.warp, normal->stride, &values)) return std::nullopt;
-    solution = normal->inverse * (normal->weighted.transpose() * values).cast<double>();
+    SumProducts(normal->weighted, values.data(), products.data());
+    solution.noalias() = normal->inverse * products;
     match.gain = solution[num_motion];
     const bool is_fine = normal == &fine_;
     if (is_fine && num_fine++ == kHopelessIteration && Correlation(values) < limits.hopeless_ncc) {
@@ -256,9 +253,8 @@ std::optional<PatchMatch> PatchTemplate::Register(const cv::Mat& image, const Pa
   }
   if (!converged) return std::nullopt;
 
-  const Eigen::VectorXf residual = values - design_ * solution.cast<float>();
-  const auto weights = fine_.weighted.col(num_parameters_ - 1);
-  const double residual_variance = weights.dot(residual.cwiseAbs2());
+  const Eigen::Matrix<float, Eigen::Dynamic, 1, 0, 8, 1> model = solution.cast<float>();
+  const double residual_variance = ResidualSquare(values, design_, model.data(), Weights());
   match.ncc = Correlation(values);
   if (match.ncc <= -1.0) return std::nullopt;
   match.reference_sigma = std::sqrt(variance_);

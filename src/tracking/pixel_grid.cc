@@ -4,6 +4,7 @@
 
 #include "pixel_kernels.h"
 #include "scenecalib/tracking/pixel_reading.h"
+#include "vector_clones.h"
 
 namespace scenecalib {
 namespace {
@@ -16,6 +17,40 @@ Eigen::VectorXf GaussianWeights(double sigma_px, int margin) {
     weights[i + margin] = static_cast<float>(std::exp(-0.5 * u * u));
   }
   return weights / weights.sum();
+}
+
+PixelGrid EmptyGrid(int edge) {
+  return {PixelGrid::Matrix(edge, edge), PixelGrid::Matrix(edge, edge),
+          PixelGrid::Matrix(edge, edge)};
+}
+
+/// Of each of `count` pixels the four (the two) from there on, weighted.
+SCENECALIB_VECTOR_CLONES
+void WeighFourPixels(const uchar* pixels, const float* weights, int count, float* sums) {
+  const float a = weights[0], b = weights[1], c = weights[2], d = weights[3];
+  for (int x = 0; x < count; ++x) {
+    sums[x] = a * static_cast<float>(pixels[x]) + b * static_cast<float>(pixels[x + 1]) +
+              c * static_cast<float>(pixels[x + 2]) + d * static_cast<float>(pixels[x + 3]);
+  }
+}
+
+SCENECALIB_VECTOR_CLONES
+void WeighTwoPixels(const uchar* pixels, const float* weights, int count, float* sums) {
+  const float a = weights[0], b = weights[1];
+  for (int x = 0; x < count; ++x) {
+    sums[x] = a * static_cast<float>(pixels[x]) + b * static_cast<float>(pixels[x + 1]);
+  }
+}
+
+/// Of each of `count` values the `taps` that lie a row apart from there on, weighted.
+SCENECALIB_VECTOR_CLONES
+void WeighRows(const float* values, const float* weights, int taps, int count, int row,
+               float* sums) {
+  for (int i = 0; i < count; ++i) sums[i] = weights[0] * values[i];
+  for (int k = 1; k < taps; ++k) {
+    const float* shifted = values + k * row;
+    for (int i = 0; i < count; ++i) sums[i] += weights[k] * shifted[i];
+  }
 }
 
 }  // namespace
@@ -31,45 +66,37 @@ PixelGrid ReadGridSmoothed(const cv::Mat& image, const Eigen::Vector2d& center_p
   // the rows, then down the columns.
   const Cell first = Locate(image, static_cast<float>(center_px.x() - radius_px),
                             static_cast<float>(center_px.y() - radius_px));
-  Eigen::Vector4f across, across_slope, down, down_slope;
-  SplineWeights(first.fraction_x, across.data());
-  SplineWeights(first.fraction_y, down.data());
-  SplineDerivatives(first.fraction_x, across_slope.data());
-  SplineDerivatives(first.fraction_y, down_slope.data());
-  const int num_rows = edge + 3;
-  const Eigen::Map<const Eigen::Matrix<uchar, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>, 0,
-                   Eigen::OuterStride<>>
-      raw(first.corner, num_rows, edge + 3,
-          Eigen::OuterStride<>(static_cast<Eigen::Index>(image.step[0])));
-  const Eigen::MatrixXf pixels = raw.cast<float>();
-  Eigen::MatrixXf smoothed = Eigen::MatrixXf::Zero(num_rows, edge);
-  Eigen::MatrixXf sloped = Eigen::MatrixXf::Zero(num_rows, edge);
-  for (int k = 0; k < 4; ++k) {
-    smoothed += across[k] * pixels.middleCols(k, edge);
-    sloped += across_slope[k] * pixels.middleCols(k, edge);
+  float across[4], across_slope[4], down[4], down_slope[4];
+  SplineWeights(first.fraction_x, across);
+  SplineWeights(first.fraction_y, down);
+  SplineDerivatives(first.fraction_x, across_slope);
+  SplineDerivatives(first.fraction_y, down_slope);
+  PixelGrid::Matrix smoothed(edge + 3, edge);
+  PixelGrid::Matrix sloped(edge + 3, edge);
+  for (int y = 0; y < edge + 3; ++y) {
+    WeighFourPixels(first.corner + y * image.step[0], across, edge, smoothed.row(y).data());
+    WeighFourPixels(first.corner + y * image.step[0], across_slope, edge, sloped.row(y).data());
   }
-  PixelGrid grid{Eigen::MatrixXf::Zero(edge, edge), Eigen::MatrixXf::Zero(edge, edge),
-                 Eigen::MatrixXf::Zero(edge, edge)};
-  for (int k = 0; k < 4; ++k) {
-    grid.value += down[k] * smoothed.middleRows(k, edge);
-    grid.gradient_x += down[k] * sloped.middleRows(k, edge);
-    grid.gradient_y += down_slope[k] * smoothed.middleRows(k, edge);
-  }
+  PixelGrid grid = EmptyGrid(edge);
+  WeighRows(smoothed.data(), down, 4, edge * edge, edge, grid.value.data());
+  WeighRows(sloped.data(), down, 4, edge * edge, edge, grid.gradient_x.data());
+  WeighRows(smoothed.data(), down_slope, 4, edge * edge, edge, grid.gradient_y.data());
   return grid;
 }
 
 PixelGrid ReadGridBilinear(const cv::Mat& image, const Eigen::Vector2d& center_px, int radius_px) {
   const int edge = 2 * radius_px + 3;
-  const auto left = static_cast<float>(center_px.x() - radius_px - 1);
-  const auto top = static_cast<float>(center_px.y() - radius_px - 1);
-  Eigen::MatrixXf value(edge, edge);
-  for (int column = 0; column < edge; ++column) {
-    for (int row = 0; row < edge; ++row) {
-      value(row, column) =
-          Bilinear(Locate(image, left + static_cast<float>(column), top + static_cast<float>(row)),
-                   image.step[0]);
-    }
+  const Cell first = Locate(image, static_cast<float>(center_px.x() - radius_px - 1),
+                            static_cast<float>(center_px.y() - radius_px - 1));
+  const uchar* corner = first.corner + image.step[0] + 1;  // of the cell's middle four pixels
+  const float across[2] = {1.0F - first.fraction_x, first.fraction_x};
+  const float down[2] = {1.0F - first.fraction_y, first.fraction_y};
+  PixelGrid::Matrix mixed(edge + 1, edge);
+  for (int y = 0; y < edge + 1; ++y) {
+    WeighTwoPixels(corner + y * image.step[0], across, edge, mixed.row(y).data());
   }
+  PixelGrid::Matrix value(edge, edge);
+  WeighRows(mixed.data(), down, 2, edge * edge, edge, value.data());
   const int inner = edge - 2;
   return {value.block(1, 1, inner, inner),
           0.5F * (value.block(1, 2, inner, inner) - value.block(1, 0, inner, inner)),
@@ -79,11 +106,11 @@ PixelGrid ReadGridBilinear(const cv::Mat& image, const Eigen::Vector2d& center_p
 void Blur(const Eigen::Vector2d& sigma_px, int margin, PixelGrid* grid) {
   const Eigen::VectorXf across = GaussianWeights(sigma_px.x(), margin);
   const Eigen::VectorXf down = GaussianWeights(sigma_px.y(), margin);
-  for (Eigen::MatrixXf* channel : {&grid->value, &grid->gradient_x, &grid->gradient_y}) {
+  for (PixelGrid::Matrix* channel : {&grid->value, &grid->gradient_x, &grid->gradient_y}) {
     const Eigen::Index inner = channel->rows() - 2 * margin;
-    Eigen::MatrixXf rows = Eigen::MatrixXf::Zero(inner, channel->cols());
+    PixelGrid::Matrix rows = PixelGrid::Matrix::Zero(inner, channel->cols());
     for (int i = 0; i <= 2 * margin; ++i) rows += down[i] * channel->middleRows(i, inner);
-    Eigen::MatrixXf blurred = Eigen::MatrixXf::Zero(inner, inner);
+    PixelGrid::Matrix blurred = PixelGrid::Matrix::Zero(inner, inner);
     for (int i = 0; i <= 2 * margin; ++i) blurred += across[i] * rows.middleCols(i, inner);
     *channel = std::move(blurred);
   }

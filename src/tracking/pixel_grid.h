@@ -7,7 +7,8 @@ namespace scenecalib {
 
 /// Values and gradients of a square of pixels around a centre.
 struct PixelGrid {
-  Eigen::MatrixXf value, gradient_x, gradient_y;  ///< rows are y
+  using Matrix = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  Matrix value, gradient_x, gradient_y;  ///< rows are y
 };
 
 /// Through the cubic B-spline kernel. The caller checks that the square can be read.

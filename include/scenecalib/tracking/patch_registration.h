@@ -102,18 +102,21 @@ class PatchTemplate {
     int stride = 1;
     Eigen::MatrixXf weighted;  ///< pixels x parameters, each row times its weight
     SmallMatrix inverse;       ///< of design^T W design; empty where that is singular
+    SmallMatrix meat;          ///< design^T W^2 design
   };
   static Normal MakeNormal(const Eigen::MatrixXf& design, const Eigen::VectorXf& weights);
 
   bool Sample(const cv::Mat& image, const PatchWarp& warp, int stride,
               Eigen::VectorXf* values) const;
   double Correlation(const Eigen::VectorXf& values) const;
+  /// The window's weights, one per pixel.
+  const float* Weights() const { return fine_.weighted.col(num_parameters_ - 1).data(); }
 
   int radius_px_ = 0;
   PatchReading reading_ = PatchReading::kSmooth;
-  int num_parameters_ = 0;           ///< 4 (shift) or 8 (affine), with gain and bias
-  Eigen::VectorXf reference_;        ///< grey values less their weighted mean
-  Eigen::MatrixXf design_;           ///< pixels x parameters: displacement..., gain, bias
+  int num_parameters_ = 0;  ///< 4 (shift) or 8 (affine), with gain and bias
+  /// Pixels x parameters: displacement..., gain (the grey values less their weighted mean), bias.
+  Eigen::MatrixXf design_;
   Normal fine_;                      ///< of all pixels
   Normal coarse_;                    ///< of a quarter of them, to come near
   Eigen::Matrix2d unit_covariance_;  ///< of d0 for residuals of unit variance
