@@ -32,11 +32,11 @@ Result<SolveEvidence> CalibrationProblem::Solve() {
   options.linear_solver_type =
       free.correction ? ceres::SPARSE_NORMAL_CHOLESKY : ceres::DENSE_NORMAL_CHOLESKY;
   options.max_num_iterations = max_iterations;
-  options.function_tolerance = 1e-7;
+  options.function_tolerance = function_tolerance;
   options.num_threads = 1;  // threads would sum in an order that changes from run to run
   options.logging_type = ceres::SILENT;
   ceres::Solver::Summary summary;
-  ceres::Solve(options, assembled.problem.get(), &summary);
+  SolveAssembled(assembled, options, &summary);
   if (!summary.IsSolutionUsable()) {
     *cameras = cameras_before;
     *correction = correction_before;
@@ -55,12 +55,13 @@ int WhitenTerms(const std::vector<CameraParameters>& cameras,
                 const TrajectoryCorrection& correction, std::vector<TransferTerm>* terms) {
   const TermViews views(*terms);
   const std::vector<ViewPose> poses = views.PosesAt(cameras, correction);
+  const std::vector<SourceRay> rays = views.RaysAt(cameras, true);
   std::vector<char> is_good(terms->size(), 0);
   tbb::parallel_for(std::size_t{0}, terms->size(), [&](std::size_t i) {
     TransferTerm& term = (*terms)[i];
     Eigen::Vector2d residual;
     PoseJacobians jacobians;
-    if (!views.Evaluate(i, cameras, poses, &residual, &jacobians)) return;
+    if (!views.Evaluate(i, cameras, poses, rays, &residual, &jacobians)) return;
     const Eigen::Matrix2d covariance = term.target_covariance_px2 +
                                        jacobians.by_source_pixel * term.source_covariance_px2 *
                                            jacobians.by_source_pixel.transpose() +
@@ -87,6 +88,7 @@ std::vector<TrackResidual> EvaluateTracks(const std::vector<CameraParameters>& c
                                           const std::vector<TransferTerm>& terms) {
   const TermViews views(terms);
   const std::vector<ViewPose> poses = views.PosesAt(cameras, correction);
+  const std::vector<SourceRay> rays = views.RaysAt(cameras, false);
   std::vector<TrackResidual> tracks;
   for (std::size_t i = 0; i < terms.size(); ++i) {
     if (i == 0 || terms[i].track != terms[i - 1].track ||
@@ -103,7 +105,7 @@ std::vector<TrackResidual> EvaluateTracks(const std::vector<CameraParameters>& c
     for (int i = track.first_term; i < track.first_term + track.num_terms; ++i) {
       const auto term = static_cast<std::size_t>(i);
       Eigen::Vector2d residual;
-      if (!views.Evaluate(term, cameras, poses, &residual, nullptr)) {
+      if (!views.Evaluate(term, cameras, poses, rays, &residual, nullptr)) {
         track.valid = false;
         continue;
       }
@@ -122,11 +124,12 @@ double RobustResidualSigma(const std::vector<CameraParameters>& cameras,
                            const std::vector<TransferTerm>& terms) {
   const TermViews views(terms);
   const std::vector<ViewPose> poses = views.PosesAt(cameras, correction);
+  const std::vector<SourceRay> rays = views.RaysAt(cameras, false);
   constexpr double kNone = -1.0;
   std::vector<double> components(2 * terms.size(), kNone);
   tbb::parallel_for(std::size_t{0}, terms.size(), [&](std::size_t i) {
     Eigen::Vector2d residual;
-    if (!views.Evaluate(i, cameras, poses, &residual, nullptr)) return;
+    if (!views.Evaluate(i, cameras, poses, rays, &residual, nullptr)) return;
     const Eigen::Vector2d whitened = terms[i].whitening * residual;
     components[2 * i] = std::abs(whitened.x());
     components[2 * i + 1] = std::abs(whitened.y());

@@ -167,6 +167,7 @@ Result<CameraCalibration> CalibrateCamera(const CameraConfig& camera,
     }
     EstimateSigma(&problem);
     const Rigid3 before = cameras[0].LidarFromCamera();
+    problem.function_tolerance = CalibrationProblem::kRoughTolerance;
     Result<SolveEvidence> robust = problem.Solve();
     if (!robust.ok())
       return Status::NumericalFailure(camera.name + ": " + robust.status().message());
@@ -182,6 +183,9 @@ Result<CameraCalibration> CalibrateCamera(const CameraConfig& camera,
     evidence.from_sample = ransac.from_sample;
     if (ransac.num_inliers >= kMinTracksOfRound) {
       EstimateSigma(&problem);
+      if (round + 1 == num_rounds) {
+        problem.function_tolerance = CalibrationProblem::kFinalTolerance;
+      }
       const Result<SolveEvidence> refined = problem.Solve();
       if (!refined.ok()) {
         return Status::NumericalFailure(camera.name + ": " + refined.status().message());

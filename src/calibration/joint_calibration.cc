@@ -222,6 +222,8 @@ Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& camera
     joint.cross_terms = BuildCrossTerms(joint.terms, map_from_lidar, options, &joint);
     problem.terms = joint.terms;
     problem.terms.insert(problem.terms.end(), joint.cross_terms.begin(), joint.cross_terms.end());
+    problem.function_tolerance =
+        is_last ? CalibrationProblem::kFinalTolerance : CalibrationProblem::kRoughTolerance;
     const Result<SolveEvidence> solved = problem.Solve();
     if (!solved.ok()) return solved.status();
     joint.converged = solved->converged;

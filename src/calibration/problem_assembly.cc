@@ -1,5 +1,7 @@
 #include "problem_assembly.h"
 
+#include <ceres/version.h>
+
 #include <cmath>
 
 #include "prior_costs.h"
@@ -78,10 +80,17 @@ void AddCorrectionPriors(const CalibrationProblem& p, AssembledProblem* assemble
 
 AssembledProblem AssembleProblem(const CalibrationProblem& p) {
   AssembledProblem assembled;
-  assembled.problem = std::make_unique<ceres::Problem>();
+  assembled.preparation = std::make_unique<GroupPreparation>();
+  ceres::Problem::Options problem_options;
+#if CERES_VERSION_MAJOR >= 2
+  problem_options.evaluation_callback = assembled.preparation.get();
+#endif
+  assembled.problem = std::make_unique<ceres::Problem>(problem_options);
   assembled.groups = GroupTerms(p);
   for (const auto& group : assembled.groups) {
-    assembled.problem->AddResidualBlock(new TermGroupCost(group.get()), nullptr, group->blocks());
+    auto* cost = new TermGroupCost(group.get());
+    assembled.costs.push_back(cost);
+    assembled.problem->AddResidualBlock(cost, nullptr, group->blocks());
   }
   AddCameraPriors(p, &assembled);
   if (p.free.correction) AddCorrectionPriors(p, &assembled);
@@ -99,6 +108,16 @@ AssembledProblem AssembleProblem(const CalibrationProblem& p) {
     for (Vector6d& knot : p.correction->knots()) keep(knot.data());
   }
   return assembled;
+}
+
+void SolveAssembled(const AssembledProblem& assembled, ceres::Solver::Options options,
+                    ceres::Solver::Summary* summary) {
+#if CERES_VERSION_MAJOR < 2
+  options.evaluation_callback = assembled.preparation.get();
+#endif
+  assembled.preparation->costs = assembled.costs;
+  ceres::Solve(options, assembled.problem.get(), summary);
+  assembled.preparation->costs.clear();  // whoever evaluates the priors alone needs no groups
 }
 
 }  // namespace scenecalib

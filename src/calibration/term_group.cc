@@ -2,7 +2,6 @@
 
 #include <tbb/parallel_for.h>
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -21,9 +20,6 @@ constexpr double kSurfacePiece_m = 4.0;
 /// Terms of a group that one thread sums up: a fixed share, so that the sum has a fixed order.
 constexpr std::size_t kMinTermsPerSlice = 1000;
 constexpr std::size_t kMaxSlices = 8;
-/// Pivots of the information matrix below this share of the largest one belong to directions that
-/// the group says nothing about.
-constexpr double kMinPivotShare = 1e-14;
 
 int SourceSecond(const TransferTerm& term, const CalibrationProblem& problem) {
   if (!problem.free.correction) return 0;
@@ -53,6 +49,7 @@ std::vector<std::unique_ptr<TermGroup>> GroupTermsBy(const CalibrationProblem& p
 struct TermGroup::State {
   std::vector<CameraParameters> cameras;
   std::vector<ViewPose> poses;
+  std::vector<SourceRay> rays;
   std::vector<ViewColumns> columns;  ///< empty unless derivatives are asked for
 };
 
@@ -63,6 +60,7 @@ TermGroup::TermGroup(const CalibrationProblem& problem, const std::vector<int>& 
   struct Place {
     int source = 0;
     int target = 0;
+    int ray = 0;
     int term = 0;
   };
   ViewIndex index(&views_);
@@ -71,7 +69,8 @@ TermGroup::TermGroup(const CalibrationProblem& problem, const std::vector<int>& 
   for (const int i : terms) {
     const TransferTerm& term = problem.terms[i];
     places.push_back({index.IndexOf(term.source_camera, term.source, term.source_place),
-                      index.IndexOf(term.target_camera, term.target, term.target_place), i});
+                      index.IndexOf(term.target_camera, term.target, term.target_place),
+                      IndexOfRay(term, &rays_), i});
   }
   std::sort(places.begin(), places.end(), [](const Place& a, const Place& b) {
     return std::tie(a.source, a.target, a.term) < std::tie(b.source, b.target, b.term);
@@ -79,9 +78,9 @@ TermGroup::TermGroup(const CalibrationProblem& problem, const std::vector<int>& 
   entries_.reserve(places.size());
   for (const Place& place : places) {
     const TransferTerm& term = problem.terms[place.term];
-    entries_.push_back({term.source.pixel, term.target.pixel, term.plane_point_in_map_m,
-                        term.plane_normal_in_map, term.whitening / problem.residual_sigma,
-                        place.source, place.target});
+    entries_.push_back({term.target.pixel, term.plane_point_in_map_m, term.plane_normal_in_map,
+                        term.whitening / problem.residual_sigma, place.source, place.target,
+                        place.ray});
   }
   // Blocks in a fixed order: cameras, then knots.
   std::vector<bool> has_camera(problem.cameras->size(), false);
@@ -145,6 +144,7 @@ TermGroup::State TermGroup::StateAt(double const* const* values, bool with_deriv
                ? knots[k]
                : Vector6d(Eigen::Map<const Vector6d>(value_of_column[knot_columns_[k]]));
   };
+  state.rays = RaysOf(rays_, state.cameras, with_derivatives);
   state.poses.reserve(views_.size());
   if (with_derivatives) state.columns.reserve(views_.size());
   for (const TermView& view : views_) {
@@ -170,13 +170,12 @@ TermGroup::State TermGroup::StateAt(double const* const* values, bool with_deriv
 bool TermGroup::EvaluateSlice(const State& state, std::size_t first, std::size_t last,
                               bool with_derivatives, GroupEquations* equations) const {
   const double loss_square = problem_.loss_scale * problem_.loss_scale;
-  ViewPairSums sums(with_derivatives ? num_columns_ : 0);
+  ViewPairSums sums(state.columns, with_derivatives ? num_columns_ : 0);
   for (std::size_t i = first; i < last; ++i) {
     const Entry& entry = entries_[i];
     Eigen::Vector2d residual_px;
     PoseJacobians jacobians;
-    if (!EvaluatePosedTransfer(entry.source_pixel, state.cameras[views_[entry.source].camera],
-                               state.poses[entry.source], entry.target_pixel,
+    if (!EvaluatePosedTransfer(state.rays[entry.ray], state.poses[entry.source], entry.target_pixel,
                                state.cameras[views_[entry.target].camera],
                                state.poses[entry.target], entry.plane_point_in_map_m,
                                entry.plane_normal_in_map, &residual_px,
@@ -186,7 +185,7 @@ bool TermGroup::EvaluateSlice(const State& state, std::size_t first, std::size_t
     const double square = (entry.whitening * residual_px).squaredNorm() / loss_square;
     equations->cost += loss_square * std::log1p(square);  // Cauchy
     if (!with_derivatives) continue;
-    sums.StartPair(&state.columns[entry.source], &state.columns[entry.target]);
+    sums.StartPair(entry.source, entry.target);
     sums.Add(jacobians, residual_px, entry.whitening * std::sqrt(1.0 / (1.0 + square)));
   }
   if (!with_derivatives) return true;
@@ -210,8 +209,8 @@ bool TermGroup::EvaluateLenses(const std::vector<RadialField>& fields,
     const int target = views_[entry.target].camera;
     Eigen::Vector2d residual_px;
     PoseJacobians jacobians;
-    if (!EvaluatePosedTransfer(entry.source_pixel, state.cameras[source], state.poses[entry.source],
-                               entry.target_pixel, state.cameras[target], state.poses[entry.target],
+    if (!EvaluatePosedTransfer(state.rays[entry.ray], state.poses[entry.source], entry.target_pixel,
+                               state.cameras[target], state.poses[entry.target],
                                entry.plane_point_in_map_m, entry.plane_normal_in_map, &residual_px,
                                &jacobians)) {
       return false;
@@ -221,13 +220,13 @@ bool TermGroup::EvaluateLenses(const std::vector<RadialField>& fields,
     // A lens that bends more sends the source pixel's ray elsewhere, and shows the point elsewhere.
     const Eigen::Vector2d by_source =
         -jacobians.by_source_pixel *
-        fields[static_cast<std::size_t>(source)].At(entry.source_pixel);
+        fields[static_cast<std::size_t>(source)].At(rays_[entry.ray].pixel);
     const Eigen::Vector2d by_target =
         fields[static_cast<std::size_t>(target)].At(entry.target_pixel + residual_px);
     const auto add = [&](int lens, const Eigen::Vector2d& derivative) {
       auto& of_lens = sums[static_cast<std::size_t>(lens)];
-      if (!of_lens) of_lens.emplace(num_columns_);
-      of_lens->StartPair(&state.columns[entry.source], &state.columns[entry.target]);
+      if (!of_lens) of_lens.emplace(state.columns, num_columns_);
+      of_lens->StartPair(entry.source, entry.target);
       of_lens->Add(jacobians, derivative, weight);
       equations->gradient[lens] += (weight * derivative).dot(weight * residual_px);
       equations->information(lens, lens) += (weight * derivative).squaredNorm();
@@ -295,65 +294,6 @@ std::vector<std::unique_ptr<TermGroup>> GroupTermsBySurface(const CalibrationPro
     return std::array<int, 4>{cube.x(), cube.y(), cube.z(),
                               term.plane_normal_in_map[axis] > 0.0 ? axis : axis + 3};
   });
-}
-
-TermGroupCost::TermGroupCost(const TermGroup* group) : group_(group) {
-  set_num_residuals(group->num_columns() + 1);
-  *mutable_parameter_block_sizes() =
-      std::vector<int32_t>(group->block_sizes().begin(), group->block_sizes().end());
-}
-
-const GroupEquations* TermGroupCost::EquationsAt(double const* const* parameters) const {
-  std::vector<double> here;
-  here.reserve(group_->num_columns());
-  for (std::size_t b = 0; b < group_->block_sizes().size(); ++b) {
-    here.insert(here.end(), parameters[b], parameters[b] + group_->block_sizes()[b]);
-  }
-  if (here != last_parameters_) {
-    last_parameters_.clear();
-    if (!group_->Evaluate(parameters, true, &last_equations_)) return nullptr;
-    last_parameters_ = std::move(here);
-  }
-  return &last_equations_;
-}
-
-bool TermGroupCost::Evaluate(double const* const* parameters, double* residuals,
-                             double** jacobians) const {
-  const GroupEquations* found = EquationsAt(parameters);
-  if (found == nullptr) return false;
-  const GroupEquations& equations = *found;
-  const int n = group_->num_columns();
-  Eigen::Map<Eigen::VectorXd> mapped(residuals, n + 1);
-  mapped.setZero();
-  mapped[n] = std::sqrt(equations.cost);
-  if (jacobians == nullptr) return true;
-
-  // H = P^T L D L^T P, so that e = D^-1/2 L^-1 P g and de^T = P^T L D^1/2.
-  const Eigen::LDLT<Eigen::MatrixXd> factor(equations.information);
-  Eigen::MatrixXd root = factor.matrixL();
-  Eigen::VectorXd reduced = factor.transpositionsP() * equations.gradient;
-  factor.matrixL().solveInPlace(reduced);
-  const Eigen::VectorXd pivots = factor.vectorD();
-  const double min_pivot = kMinPivotShare * std::max(0.0, pivots.maxCoeff());
-  for (int i = 0; i < n; ++i) {
-    const double scale = pivots[i] > min_pivot ? std::sqrt(pivots[i]) : 0.0;
-    root.col(i) *= scale;
-    mapped[i] = scale > 0.0 ? reduced[i] / scale : 0.0;
-  }
-  root = factor.transpositionsP().transpose() * root;
-  mapped[n] = std::sqrt(std::max(0.0, equations.cost - mapped.head(n).squaredNorm()));
-  int column = 0;
-  for (std::size_t b = 0; b < group_->block_sizes().size(); ++b) {
-    const int size = group_->block_sizes()[b];
-    if (jacobians[b] != nullptr) {
-      using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-      Eigen::Map<RowMajor> jacobian(jacobians[b], n + 1, size);
-      jacobian.topRows(n) = root.middleRows(column, size).transpose();
-      jacobian.row(n).setZero();
-    }
-    column += size;
-  }
-  return true;
 }
 
 }  // namespace scenecalib

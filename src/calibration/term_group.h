@@ -1,7 +1,5 @@
 #pragma once
 
-#include <ceres/cost_function.h>
-
 #include <Eigen/Core>
 #include <memory>
 #include <vector>
@@ -56,13 +54,13 @@ class TermGroup {
  private:
   /// What a term's evaluation reads, packed in the order in which it is read.
   struct Entry {
-    Eigen::Vector2d source_pixel;
     Eigen::Vector2d target_pixel;
     Eigen::Vector3d plane_point_in_map_m;
     Eigen::Vector3d plane_normal_in_map;
     Eigen::Matrix2d whitening;  ///< by the residual's sigma too
     int source = 0;             ///< index of its view
     int target = 0;
+    int ray = 0;
   };
   struct State;
 
@@ -75,6 +73,7 @@ class TermGroup {
 
   const CalibrationProblem& problem_;
   std::vector<TermView> views_;
+  std::vector<SourcePixel> rays_;
   std::vector<Entry> entries_;  ///< in the order of their views
   std::vector<double*> blocks_;
   std::vector<int> block_sizes_;
@@ -88,27 +87,5 @@ class TermGroup {
 std::vector<std::unique_ptr<TermGroup>> GroupTerms(const CalibrationProblem& problem);
 /// The same by pieces of surface: cubes of a few metres, by the side that the surface faces.
 std::vector<std::unique_ptr<TermGroup>> GroupTermsBySurface(const CalibrationProblem& problem);
-
-/// A group as Ceres sees it. Of n parameters there are n residuals e = L^-1 g with the Jacobian
-/// L^T, where L L^T is the information matrix, and one more that brings the sum of squares to the
-/// robust cost: the same normal equations, gradient and cost as the terms have, at a cost to the
-/// solver that does not grow with their number.
-class TermGroupCost : public ceres::CostFunction {
- public:
-  /// The group must outlive the cost.
-  explicit TermGroupCost(const TermGroup* group);
-
-  bool Evaluate(double const* const* parameters, double* residuals,
-                double** jacobians) const override;
-
- private:
-  const GroupEquations* EquationsAt(double const* const* parameters) const;
-
-  const TermGroup* group_;
-  /// The last equations and where they hold: the solver asks for the cost at a step's end first,
-  /// and then, as a step is mostly taken, for the derivatives there. One thread at a time.
-  mutable std::vector<double> last_parameters_;
-  mutable GroupEquations last_equations_;
-};
 
 }  // namespace scenecalib

@@ -15,6 +15,23 @@ std::size_t Hash(int camera, const TransferView& view) {
 
 }  // namespace
 
+int IndexOfRay(const TransferTerm& term, std::vector<SourcePixel>* rays) {
+  const SourcePixel here{term.source_camera, term.source.pixel};
+  if (rays->empty() || !(rays->back() == here)) rays->push_back(here);
+  return static_cast<int>(rays->size()) - 1;
+}
+
+std::vector<SourceRay> RaysOf(const std::vector<SourcePixel>& pixels,
+                              const std::vector<CameraParameters>& cameras, bool with_derivatives) {
+  std::vector<SourceRay> rays;
+  rays.reserve(pixels.size());
+  for (const SourcePixel& pixel : pixels) {
+    rays.push_back(
+        RayOf(cameras[static_cast<std::size_t>(pixel.camera)], pixel.pixel, with_derivatives));
+  }
+  return rays;
+}
+
 int ViewIndex::IndexOf(int camera, const TransferView& view,
                        const TrajectoryCorrection::Place& place) {
   std::vector<int>& candidates = by_hash_[Hash(camera, view)];
@@ -38,8 +55,14 @@ TermViews::TermViews(const std::vector<TransferTerm>& terms) : terms_(terms) {
   ends_.reserve(terms.size());
   for (const TransferTerm& term : terms) {
     ends_.push_back({index.IndexOf(term.source_camera, term.source, term.source_place),
-                     index.IndexOf(term.target_camera, term.target, term.target_place)});
+                     index.IndexOf(term.target_camera, term.target, term.target_place),
+                     IndexOfRay(term, &rays_)});
   }
+}
+
+std::vector<SourceRay> TermViews::RaysAt(const std::vector<CameraParameters>& cameras,
+                                         bool with_derivatives) const {
+  return RaysOf(rays_, cameras, with_derivatives);
 }
 
 std::vector<ViewPose> TermViews::PosesAt(const std::vector<CameraParameters>& cameras,
@@ -54,15 +77,15 @@ std::vector<ViewPose> TermViews::PosesAt(const std::vector<CameraParameters>& ca
 }
 
 bool TermViews::Evaluate(std::size_t term, const std::vector<CameraParameters>& cameras,
-                         const std::vector<ViewPose>& poses, Eigen::Vector2d* residual_px,
-                         PoseJacobians* jacobians) const {
+                         const std::vector<ViewPose>& poses, const std::vector<SourceRay>& rays,
+                         Eigen::Vector2d* residual_px, PoseJacobians* jacobians) const {
   const TransferTerm& t = terms_[term];
-  return EvaluatePosedTransfer(t.source.pixel, cameras[static_cast<std::size_t>(t.source_camera)],
-                               poses[static_cast<std::size_t>(ends_[term].source)], t.target.pixel,
+  const Ends& ends = ends_[term];
+  return EvaluatePosedTransfer(rays[static_cast<std::size_t>(ends.ray)],
+                               poses[static_cast<std::size_t>(ends.source)], t.target.pixel,
                                cameras[static_cast<std::size_t>(t.target_camera)],
-                               poses[static_cast<std::size_t>(ends_[term].target)],
-                               t.plane_point_in_map_m, t.plane_normal_in_map, residual_px,
-                               jacobians);
+                               poses[static_cast<std::size_t>(ends.target)], t.plane_point_in_map_m,
+                               t.plane_normal_in_map, residual_px, jacobians);
 }
 
 }  // namespace scenecalib

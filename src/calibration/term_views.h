@@ -16,6 +16,20 @@ struct TermView {
   TrajectoryCorrection::Place place;
 };
 
+/// Where a ray starts.
+struct SourcePixel {
+  int camera = 0;
+  Eigen::Vector2d pixel;
+
+  bool operator==(const SourcePixel& other) const {
+    return camera == other.camera && pixel == other.pixel;
+  }
+};
+/// Index of a term's ray, which is appended where it differs from the last one.
+int IndexOfRay(const TransferTerm& term, std::vector<SourcePixel>* rays);
+std::vector<SourceRay> RaysOf(const std::vector<SourcePixel>& pixels,
+                              const std::vector<CameraParameters>& cameras, bool with_derivatives);
+
 /// Finds the views of terms again.
 class ViewIndex {
  public:
@@ -39,19 +53,25 @@ class TermViews {
   std::vector<ViewPose> PosesAt(const std::vector<CameraParameters>& cameras,
                                 const TrajectoryCorrection& correction) const;
 
+  /// Of all terms, which mostly start from the same pixel as the term before, for Evaluate.
+  std::vector<SourceRay> RaysAt(const std::vector<CameraParameters>& cameras,
+                                bool with_derivatives) const;
+
   /// EvaluateTransfer of a term; false where it cannot be evaluated. `jacobians` may be null.
   bool Evaluate(std::size_t term, const std::vector<CameraParameters>& cameras,
-                const std::vector<ViewPose>& poses, Eigen::Vector2d* residual_px,
-                PoseJacobians* jacobians) const;
+                const std::vector<ViewPose>& poses, const std::vector<SourceRay>& rays,
+                Eigen::Vector2d* residual_px, PoseJacobians* jacobians) const;
 
  private:
   struct Ends {
     int source = 0;
     int target = 0;
+    int ray = 0;
   };
   const std::vector<TransferTerm>& terms_;
   std::vector<TermView> views_;
-  std::vector<Ends> ends_;  ///< indices into views_, by term
+  std::vector<Ends> ends_;         ///< indices into views_ and of the ray, by term
+  std::vector<SourcePixel> rays_;  ///< that differ
 };
 
 }  // namespace scenecalib

@@ -28,6 +28,7 @@ struct Sampler {
   int camera;
   const std::vector<TrackResidual>& tracks;
   const TermViews& views;
+  const std::vector<SourceRay>& rays;  ///< which no hypothesis changes
 
   bool Evaluate(const TransferTerm& term, const CameraParameters& parameters,
                 Eigen::Vector2d* residual, TransferJacobians* jacobians) const {
@@ -98,7 +99,8 @@ struct Sampler {
       double sum = 0.0;
       for (int i = track.first_term; i < track.first_term + track.num_terms; ++i) {
         Eigen::Vector2d residual;
-        if (!views.Evaluate(static_cast<std::size_t>(i), cameras, poses, &residual, nullptr)) {
+        if (!views.Evaluate(static_cast<std::size_t>(i), cameras, poses, rays, &residual,
+                            nullptr)) {
           sum = std::numeric_limits<double>::infinity();
           break;
         }
@@ -139,7 +141,8 @@ TrackRansacResult RansacTracks(const CalibrationProblem& problem, int camera,
   const std::vector<TrackResidual> tracks =
       EvaluateTracks(*problem.cameras, *problem.correction, problem.terms);
   const TermViews views(problem.terms);
-  const Sampler sampler{problem, camera, tracks, views};
+  const std::vector<SourceRay> rays = views.RaysAt(*problem.cameras, false);
+  const Sampler sampler{problem, camera, tracks, views, rays};
   const Random random(seed);
   const int num_tracks = static_cast<int>(tracks.size());
 

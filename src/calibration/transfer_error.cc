@@ -64,21 +64,25 @@ ViewMotion MotionOf(const TransferView& view, const CameraParameters& camera,
   return motion;
 }
 
-bool EvaluatePosedTransfer(const Eigen::Vector2d& source_pixel,
-                           const CameraParameters& source_camera, const ViewPose& source,
+SourceRay RayOf(const CameraParameters& camera, const Eigen::Vector2d& pixel,
+                bool with_derivatives) {
+  SourceRay ray;
+  ray.direction = camera.model->UnprojectTuned(pixel, camera.Intrinsics(),
+                                               with_derivatives ? &ray.jacobians : nullptr);
+  return ray;
+}
+
+bool EvaluatePosedTransfer(const SourceRay& ray, const ViewPose& source,
                            const Eigen::Vector2d& target_pixel,
                            const CameraParameters& target_camera, const ViewPose& target,
                            const Eigen::Vector3d& plane_point_in_map_m,
                            const Eigen::Vector3d& plane_normal_in_map, Eigen::Vector2d* residual_px,
                            PoseJacobians* jacobians) {
-  UnprojectionJacobians ray_jacobians;
-  const std::optional<Eigen::Vector3d> ray = source_camera.model->UnprojectTuned(
-      source_pixel, source_camera.Intrinsics(), jacobians ? &ray_jacobians : nullptr);
-  if (!ray) return false;
+  if (!ray.direction) return false;
 
   // Eq. (1): x = Gamma(...).
   const Eigen::Vector3d& n = plane_normal_in_map;
-  const Eigen::Vector3d direction = source.map_from_camera * *ray;
+  const Eigen::Vector3d direction = source.map_from_camera * *ray.direction;
   const double cosine = n.dot(direction);
   if (std::abs(cosine) < kMinCosine) return false;
   const double range = n.dot(plane_point_in_map_m - source.camera_in_map_m) / cosine;
@@ -104,11 +108,11 @@ bool EvaluatePosedTransfer(const Eigen::Vector2d& source_pixel,
       range * (pixel_by_free_x * source.map_from_camera);
   jacobians->source.leftCols<3>() = -range * (pixel_by_free_x * Hat(direction));
   jacobians->source.middleCols<3>(3) = pixel_by_free_x;
-  jacobians->source.rightCols<3>() = pixel_by_ray * ray_jacobians.ray_by_intrinsics;
+  jacobians->source.rightCols<3>() = pixel_by_ray * ray.jacobians.ray_by_intrinsics;
   jacobians->target.leftCols<3>() = pixel_by_x * Hat(from_target);
   jacobians->target.middleCols<3>(3) = -pixel_by_x;
   jacobians->target.rightCols<3>() = projection.pixel_by_intrinsics;
-  jacobians->by_source_pixel = pixel_by_ray * ray_jacobians.ray_by_pixel;
+  jacobians->by_source_pixel = pixel_by_ray * ray.jacobians.ray_by_pixel;
   jacobians->by_plane_offset = along_ray;
   return true;
 }
@@ -120,10 +124,11 @@ bool EvaluateTransfer(const TransferView& source, const CameraParameters& source
                       const Eigen::Vector3d& plane_normal_in_map, Eigen::Vector2d* residual_px,
                       TransferJacobians* jacobians) {
   PoseJacobians by_pose;
-  if (!EvaluatePosedTransfer(
-          source.pixel, source_camera, PoseOf(source, source_camera, source_correction),
-          target.pixel, target_camera, PoseOf(target, target_camera, target_correction),
-          plane_point_in_map_m, plane_normal_in_map, residual_px, jacobians ? &by_pose : nullptr)) {
+  if (!EvaluatePosedTransfer(RayOf(source_camera, source.pixel, jacobians != nullptr),
+                             PoseOf(source, source_camera, source_correction), target.pixel,
+                             target_camera, PoseOf(target, target_camera, target_correction),
+                             plane_point_in_map_m, plane_normal_in_map, residual_px,
+                             jacobians ? &by_pose : nullptr)) {
     return false;
   }
   if (jacobians == nullptr) return true;

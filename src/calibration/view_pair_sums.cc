@@ -39,11 +39,13 @@ ViewColumns::ViewColumns(const ViewMotion& motion_by_parameters, const Vector6d&
   add(blocks.knots[1], kCorrection, 6, fraction);
 }
 
-ViewPairSums::ViewPairSums(int num_columns)
-    : half_information_(Eigen::MatrixXd::Zero(num_columns, num_columns)),
+ViewPairSums::ViewPairSums(const std::vector<ViewColumns>& views, int num_columns)
+    : views_(views),
+      target_target_(views.size()),
+      half_information_(Eigen::MatrixXd::Zero(num_columns, num_columns)),
       gradient_(Eigen::VectorXd::Zero(num_columns)) {}
 
-void ViewPairSums::StartPair(const ViewColumns* source, const ViewColumns* target) {
+void ViewPairSums::StartPair(int source, int target) {
   if (source == source_ && target == target_) return;
   FlushPair();
   if (source != source_) {
@@ -53,7 +55,9 @@ void ViewPairSums::StartPair(const ViewColumns* source, const ViewColumns* targe
   source_ = source;
   target_ = target;
   source_target_.setZero();
-  target_target_.setZero();
+  std::unique_ptr<PoseMatrix>& of_target = target_target_[static_cast<std::size_t>(target)];
+  if (of_target == nullptr) of_target = std::make_unique<PoseMatrix>(PoseMatrix::Zero());
+  present_target_ = of_target.get();
 }
 
 void ViewPairSums::Add(const PoseJacobians& jacobians, const Eigen::Vector2d& residual_px,
@@ -68,25 +72,32 @@ void ViewPairSums::Add(const PoseJacobians& jacobians, const Eigen::Vector2d& re
   for (int k = 0; k < kNumPose; ++k) {
     source_source_.col(k) += source.col(0) * source(k, 0) + source.col(1) * source(k, 1);
     source_target_.col(k) += source.col(0) * target(k, 0) + source.col(1) * target(k, 1);
-    target_target_.col(k) += target.col(0) * target(k, 0) + target.col(1) * target(k, 1);
+    present_target_->col(k) += target.col(0) * target(k, 0) + target.col(1) * target(k, 1);
   }
 }
 
 void ViewPairSums::Finish() {
   FlushPair();
   FlushSource();
-  source_ = nullptr;
-  target_ = nullptr;
+  for (std::size_t view = 0; view < target_target_.size(); ++view) {
+    if (target_target_[view] == nullptr) continue;
+    Scatter(views_[view], *target_target_[view], views_[view], 0.5);
+    target_target_[view].reset();
+  }
+  source_ = kNone;
+  target_ = kNone;
 }
 
 void ViewPairSums::FlushPair() {
-  if (target_ == nullptr) return;
-  Scatter(*source_, source_target_, *target_, 1.0);
-  Scatter(*target_, target_target_, *target_, 0.5);
+  if (target_ == kNone) return;
+  Scatter(views_[static_cast<std::size_t>(source_)], source_target_,
+          views_[static_cast<std::size_t>(target_)], 1.0);
 }
 
 void ViewPairSums::FlushSource() {
-  if (source_ != nullptr) Scatter(*source_, source_source_, *source_, 0.5);
+  if (source_ == kNone) return;
+  const ViewColumns& view = views_[static_cast<std::size_t>(source_)];
+  Scatter(view, source_source_, view, 0.5);
 }
 
 void ViewPairSums::Scatter(const ViewColumns& rows, const PoseMatrix& sum,

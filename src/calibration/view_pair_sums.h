@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <memory>
 #include <vector>
 
 #include "scenecalib/calibration/transfer_error.h"
@@ -40,13 +41,14 @@ struct ViewColumns {
 
 /// Sums up the normal equations of transfers between pairs of views. All transfers of a pair share
 /// the two poses, so they are summed by the poses (docs/math.md) and turned into equations of the
-/// parameters once a pair.
+/// parameters once a pair (of two views) and once a view (with itself).
 class ViewPairSums {
  public:
-  explicit ViewPairSums(int num_columns);
+  /// The views outlive the sums.
+  ViewPairSums(const std::vector<ViewColumns>& views, int num_columns);
 
-  /// Transfers to follow are between these two views, which outlive the sums.
-  void StartPair(const ViewColumns* source, const ViewColumns* target);
+  /// Transfers to follow are between these two views.
+  void StartPair(int source, int target);
   /// A transfer with what multiplies its residual (whitening and robust weight).
   void Add(const PoseJacobians& jacobians, const Eigen::Vector2d& residual_px,
            const Eigen::Matrix2d& weight);
@@ -62,16 +64,20 @@ class ViewPairSums {
   static constexpr int kNumPose = 10;
   using PoseMatrix = Eigen::Matrix<double, kNumPose, kNumPose>;
 
+  static constexpr int kNone = -1;
+
   void FlushPair();
   void FlushSource();
   void Scatter(const ViewColumns& rows, const PoseMatrix& sum, const ViewColumns& columns,
                double factor);
 
-  const ViewColumns* source_ = nullptr;
-  const ViewColumns* target_ = nullptr;
+  const std::vector<ViewColumns>& views_;
+  int source_ = kNone;
+  int target_ = kNone;
   PoseMatrix source_source_;
   PoseMatrix source_target_;
-  PoseMatrix target_target_;
+  std::vector<std::unique_ptr<PoseMatrix>> target_target_;  ///< by target; null: none yet
+  PoseMatrix* present_target_ = nullptr;
   Eigen::MatrixXd half_information_;
   Eigen::VectorXd gradient_;
 };

@@ -1,5 +1,4 @@
-#include "../../src/calibration/term_group.h"
-
+#include "../../src/calibration/term_group_cost.h"
 #include "calibration/downward_rig.h"
 #include "scenecalib/base/random.h"
 #include "scenecalib/sensor/lens_shape.h"
@@ -120,6 +119,40 @@ TEST_F(TermGroupTest, CeresSeesTheSameEquationsAndCost) {
     Eigen::VectorXd without(n + 1);
     ASSERT_TRUE(cost.Evaluate(group->blocks().data(), without.data(), nullptr));
     EXPECT_NEAR(without.squaredNorm(), equations.cost, 1e-9 * equations.cost);
+  }
+}
+
+TEST_F(TermGroupTest, PreparationChangesNothingThatCeresSees) {
+  const auto groups = GroupTerms(problem_);
+  std::vector<std::unique_ptr<TermGroupCost>> prepared;
+  GroupPreparation preparation;
+  for (const auto& group : groups) {
+    prepared.push_back(std::make_unique<TermGroupCost>(group.get()));
+    preparation.costs.push_back(prepared.back().get());
+  }
+  for (const double shift : {0.0, 0.01}) {  // the second: what was prepared before is out of date
+    for (CameraParameters& camera : cameras_) camera.translation_delta_m.x() = shift;
+    preparation.PrepareForEvaluation(false, true);
+    preparation.PrepareForEvaluation(true, false);
+    for (std::size_t g = 0; g < groups.size(); ++g) {
+      const int n = groups[g]->num_columns() + 1;
+      Eigen::MatrixXd jacobian[2] = {Eigen::MatrixXd(n, n - 1), Eigen::MatrixXd(n, n - 1)};
+      Eigen::VectorXd residuals[2] = {Eigen::VectorXd(n), Eigen::VectorXd(n)};
+      const TermGroupCost fresh(groups[g].get());
+      const TermGroupCost* costs[2] = {prepared[g].get(), &fresh};
+      for (int i = 0; i < 2; ++i) {
+        std::vector<double*> blocks;
+        double* block = jacobian[i].data();
+        for (const int size : groups[g]->block_sizes()) {
+          blocks.push_back(block);
+          block += n * size;
+        }
+        ASSERT_TRUE(
+            costs[i]->Evaluate(groups[g]->blocks().data(), residuals[i].data(), blocks.data()));
+      }
+      EXPECT_EQ(jacobian[0], jacobian[1]);
+      EXPECT_EQ(residuals[0], residuals[1]);
+    }
   }
 }
 

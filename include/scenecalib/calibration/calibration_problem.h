@@ -84,6 +84,10 @@ struct CalibrationUncertainty {
 /// The nonlinear least-squares problem over a set of terms: Eq. (3), whitened and robust, with
 /// priors. Cameras and correction are changed in place by Solve.
 struct CalibrationProblem {
+  static constexpr double kFinalTolerance = 1e-7;
+  /// Enough where the terms are chosen anew afterwards.
+  static constexpr double kRoughTolerance = 1e-5;
+
   std::vector<CameraParameters>* cameras = nullptr;
   std::vector<CameraPrior> priors;    ///< parallel to cameras
   std::vector<double> time_offset_s;  ///< of each camera, before its delta; parallel to cameras
@@ -99,6 +103,8 @@ struct CalibrationProblem {
   double loss_scale = 2.0;      ///< Cauchy, in units of the whitened residual's sigma
   double residual_sigma = 1.0;  ///< what one unit of whitened residual is worth (estimated)
   int max_iterations = 30;
+  /// A solve ends when the cost changes by less than this share.
+  double function_tolerance = kFinalTolerance;
 
   /// NumericalFailure when the solver breaks down; the parameters are then as before.
   Result<SolveEvidence> Solve();

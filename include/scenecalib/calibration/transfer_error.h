@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 
 #include "scenecalib/geometry/rigid3.h"
 #include "scenecalib/sensor/camera_model.h"
@@ -61,9 +62,17 @@ struct PoseJacobians {
   Eigen::Vector2d by_plane_offset;  ///< by a shift of the plane along its normal, px/m
 };
 
-/// EvaluateTransfer between views whose poses are known: many transfers share them.
-bool EvaluatePosedTransfer(const Eigen::Vector2d& source_pixel,
-                           const CameraParameters& source_camera, const ViewPose& source,
+/// What a camera sees in one pixel: all transfers from there share it.
+struct SourceRay {
+  std::optional<Eigen::Vector3d> direction;  ///< in the camera's frame; none outside the lens
+  UnprojectionJacobians jacobians;           ///< only where asked for
+};
+SourceRay RayOf(const CameraParameters& camera, const Eigen::Vector2d& pixel,
+                bool with_derivatives);
+
+/// EvaluateTransfer between views whose poses are known, along a ray that is known: many transfers
+/// share them. `jacobians` need the ray's.
+bool EvaluatePosedTransfer(const SourceRay& ray, const ViewPose& source,
                            const Eigen::Vector2d& target_pixel,
                            const CameraParameters& target_camera, const ViewPose& target,
                            const Eigen::Vector3d& plane_point_in_map_m,
