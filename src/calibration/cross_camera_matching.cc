@@ -84,6 +84,12 @@ class PointGrid {
   std::unordered_map<std::array<int, 3>, std::vector<int>, CellHash> cells_;
 };
 
+/// The middle and the border of a square.
+const std::array<Eigen::Vector2d, 9> kSquare = {
+    Eigen::Vector2d(0, 0),  Eigen::Vector2d(-1, -1), Eigen::Vector2d(0, -1),
+    Eigen::Vector2d(1, -1), Eigen::Vector2d(-1, 0),  Eigen::Vector2d(1, 0),
+    Eigen::Vector2d(-1, 1), Eigen::Vector2d(0, 1),   Eigen::Vector2d(1, 1)};
+
 /// Eq. (4) through a plane: pixel of one view to pixel of another, both ways alike.
 struct PlaneTransfer {
   const CameraModel* source_model;
@@ -111,27 +117,52 @@ struct PlaneTransfer {
 
   /// Second-order warp about a source pixel, fitted to eight samples at the given radius.
   std::optional<PatchWarp> Warp(const Eigen::Vector2d& source_px, double radius_px) const {
-    const auto centre = (*this)(source_px);
-    if (!centre) return std::nullopt;
-    Eigen::Matrix<double, 8, 5> design;
-    Eigen::Matrix<double, 8, 2> pixels;
-    int row = 0;
-    for (int y = -1; y <= 1; ++y) {
-      for (int x = -1; x <= 1; ++x) {
-        if (x == 0 && y == 0) continue;
-        const auto pixel = (*this)(source_px + radius_px * Eigen::Vector2d(x, y));
-        if (!pixel) return std::nullopt;
-        design.row(row) << x, y, x * x, x * y, y * y;
-        pixels.row(row++) = (*pixel - *centre).transpose();
-      }
+    const auto samples = SamplesAround(source_px, radius_px);
+    if (!samples) return std::nullopt;
+    return WarpOf(*samples, radius_px);
+  }
+
+  /// Points of the plane that the source sees at a pixel, first, and on a square around it.
+  using Samples = std::array<Eigen::Vector3d, 9>;
+  std::optional<Samples> SamplesAround(const Eigen::Vector2d& source_px, double radius_px) const {
+    Samples samples;
+    for (std::size_t i = 0; i < samples.size(); ++i) {
+      const auto point = MeetPlane(source_px + radius_px * kSquare[i]);
+      if (!point) return std::nullopt;
+      samples[i] = *point;
     }
-    const Eigen::Matrix<double, 5, 2> fit =
-        (design.transpose() * design).inverse() * design.transpose() * pixels;
+    return samples;
+  }
+
+  /// The warp from where the target sees them.
+  std::optional<PatchWarp> WarpOf(const Samples& samples, double radius_px) const {
+    const auto centre = target_model->Project(target_from_map * samples[0]);
+    if (!centre) return std::nullopt;
+    Eigen::Matrix<double, 8, 2> pixels;
+    for (int i = 0; i < 8; ++i) {
+      const auto pixel = target_model->Project(target_from_map * samples[i + 1]);
+      if (!pixel) return std::nullopt;
+      pixels.row(i) = (*pixel - *centre).transpose();
+    }
+    static const Eigen::Matrix<double, 5, 8> kFit = SecondOrderFit();
+    const Eigen::Matrix<double, 5, 2> fit = kFit * pixels;
     PatchWarp warp;
     warp.center_px = *centre;
     warp.affine = fit.topRows<2>().transpose() / radius_px;
     warp.quadratic = fit.bottomRows<3>().transpose() / (radius_px * radius_px);
     return warp;
+  }
+
+ private:
+  /// Of values at the square's border to the coefficients of x, y, x^2, x y and y^2.
+  static Eigen::Matrix<double, 5, 8> SecondOrderFit() {
+    Eigen::Matrix<double, 8, 5> design;
+    for (int i = 0; i < 8; ++i) {
+      const double x = kSquare[i + 1].x();
+      const double y = kSquare[i + 1].y();
+      design.row(i) << x, y, x * x, x * y, y * y;
+    }
+    return (design.transpose() * design).inverse() * design.transpose();
   }
 };
 
@@ -169,12 +200,16 @@ class PairMatcher {
       near.push_back(static_cast<int>(i));
       stamps.push_back(std::move(seen));
     }
-    std::vector<Candidate> candidates;
     const std::size_t count =
         std::min(near.size(), static_cast<std::size_t>(options_.max_points_per_pair));
-    for (std::size_t k = 0; k < count; ++k) {
+    std::vector<std::vector<Candidate>> by_point(count);
+    tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
       const std::size_t i = k * near.size() / count;  // evenly spread
-      AddBestViews(near[i], stamps[i], &candidates);
+      by_point[k] = BestViews(near[i], stamps[i]);
+    });
+    std::vector<Candidate> candidates;
+    for (const std::vector<Candidate>& of_point : by_point) {
+      candidates.insert(candidates.end(), of_point.begin(), of_point.end());
     }
     return candidates;
   }
@@ -218,14 +253,17 @@ class PairMatcher {
                          target_pose->second.Inverse(), point.point_in_map_m, point.normal_in_map};
   }
 
-  void AddBestViews(int index, const std::vector<Timestamp>& stamps,
-                    std::vector<Candidate>* candidates) const {
+  std::vector<Candidate> BestViews(int index, const std::vector<Timestamp>& stamps) const {
+    constexpr double kSquareRadiusPx = 4.0;
     const FeaturePoint& point = source_.points[index];
     std::vector<std::pair<double, Timestamp>> ranked;
+    std::optional<PlaneTransfer::Samples> samples;
     for (const Timestamp stamp : stamps) {
       const auto transfer = TransferOf(point, stamp);
       if (!transfer) continue;
-      const auto warp = transfer->Warp(point.reference_px, 4.0);
+      if (!samples) samples = transfer->SamplesAround(point.reference_px, kSquareRadiusPx);
+      if (!samples) return {};  // whatever the target is
+      const auto warp = transfer->WarpOf(*samples, kSquareRadiusPx);
       if (!warp || warp->affine.determinant() <= 0.0) continue;
       const Eigen::Vector2d scales = ScalesOf(warp->affine);
       if (scales[0] > options_.max_scale || scales[1] < 1.0 / options_.max_scale) continue;
@@ -235,7 +273,9 @@ class PairMatcher {
     std::sort(ranked.begin(), ranked.end());
     const std::size_t count =
         std::min(ranked.size(), static_cast<std::size_t>(options_.max_views_per_point));
-    for (std::size_t k = 0; k < count; ++k) candidates->emplace_back(index, ranked[k].second);
+    std::vector<Candidate> candidates;
+    for (std::size_t k = 0; k < count; ++k) candidates.emplace_back(index, ranked[k].second);
+    return candidates;
   }
 
   /// How unlike the point's reference view an image is by its blur alone, on the scale of the

@@ -1,5 +1,7 @@
 #include "scenecalib/calibration/joint_calibration.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -38,7 +40,8 @@ void NormaliseByCamera(const JointCalibration& joint, std::vector<TransferTerm>*
   for (TransferTerm& term : *terms) term.whitening /= evidence->residual_sigma;
 }
 
-/// Terms of one camera at the present solution: associated, whitened, normalised, gated.
+/// Terms of one camera at the present solution: associated, whitened, normalised, gated. Of the
+/// joint solution only that camera's evidence changes.
 std::vector<TransferTerm> CollectTerms(JointCalibration* joint, int camera,
                                        const Trajectory& trajectory, const RayCaster& caster,
                                        const CalibrationOptions& options) {
@@ -111,7 +114,8 @@ Status ChangeLenses(const CalibrationProblem& problem, JointCalibration* joint) 
 }
 
 /// Registers the inlier tracks of one camera again, now that their planes, the trajectory and a
-/// calibration are known. Tracks without a plane, or at the edge of one, stay as they are.
+/// calibration are known. Tracks without a plane, or at the edge of one, stay as they are, and all
+/// else of the joint solution.
 Status RegisterAgain(const JointCamera& camera, int index, const std::vector<TransferTerm>& terms,
                      const Trajectory& trajectory, const RayCaster& caster,
                      const CalibrationOptions& options, JointCalibration* joint) {
@@ -214,10 +218,12 @@ Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& camera
     problem.time_offset_s = joint.time_offset_s;
     problem.free.intrinsics =
         !options.hold_intrinsics && round > 0;  // not until the poses are good
-    for (std::size_t c = 0; c < cameras.size(); ++c) {
-      const std::vector<TransferTerm> terms =
-          CollectTerms(&joint, static_cast<int>(c), map_from_lidar, caster, options);
-      joint.terms.insert(joint.terms.end(), terms.begin(), terms.end());
+    std::vector<std::vector<TransferTerm>> terms(cameras.size());
+    tbb::parallel_for(std::size_t{0}, cameras.size(), [&](std::size_t c) {
+      terms[c] = CollectTerms(&joint, static_cast<int>(c), map_from_lidar, caster, options);
+    });
+    for (const auto& of_camera : terms) {
+      joint.terms.insert(joint.terms.end(), of_camera.begin(), of_camera.end());
     }
     joint.cross_terms = BuildCrossTerms(joint.terms, map_from_lidar, options, &joint);
     problem.terms = joint.terms;
@@ -239,10 +245,12 @@ Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& camera
     }
     FoldDeltas(&joint);
     if (options.joint.register_through_map && !is_last) {
-      for (std::size_t c = 0; c < cameras.size(); ++c) {
-        SCENECALIB_RETURN_IF_ERROR(RegisterAgain(cameras[c], static_cast<int>(c), joint.terms,
-                                                 map_from_lidar, caster, options, &joint));
-      }
+      std::vector<Status> registered(cameras.size(), Status::Ok());
+      tbb::parallel_for(std::size_t{0}, cameras.size(), [&](std::size_t c) {
+        registered[c] = RegisterAgain(cameras[c], static_cast<int>(c), joint.terms, map_from_lidar,
+                                      caster, options, &joint);
+      });
+      for (const Status& status : registered) SCENECALIB_RETURN_IF_ERROR(status);
     }
     if (!is_last) {
       CrossCameraOptions matching = options.cross_camera;

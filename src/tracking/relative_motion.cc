@@ -24,6 +24,9 @@ struct EpipolarResidual {
   Eigen::Vector3d by_direction_px;
 };
 
+/// A point at the epipole satisfies every constraint; there the gradient vanishes as well.
+constexpr double kMinScale = 1e-9;
+
 EpipolarResidual Evaluate(const RayPair& pair, const Eigen::Quaterniond& rotation,
                           const Eigen::Vector3d& direction) {
   const Eigen::Vector3d rotated = rotation * pair.ray_in_first;
@@ -31,8 +34,7 @@ EpipolarResidual Evaluate(const RayPair& pair, const Eigen::Quaterniond& rotatio
   const Eigen::Vector3d line_in_first = rotation.conjugate() * pair.ray_in_second.cross(direction);
   const double scale = std::sqrt((pair.second_by_pixel.transpose() * line_in_second).squaredNorm() +
                                  (pair.first_by_pixel.transpose() * line_in_first).squaredNorm());
-  // A point at the epipole satisfies every constraint; there the gradient vanishes as well.
-  const double inverse = 1.0 / std::max(scale, 1e-9);
+  const double inverse = 1.0 / std::max(scale, kMinScale);
   EpipolarResidual residual;
   residual.error_px = pair.ray_in_second.dot(line_in_second) * inverse;
   residual.by_direction_px = rotated.cross(pair.ray_in_second) * inverse;
@@ -99,13 +101,33 @@ void Refine(const std::vector<RayPair>& pairs, const std::vector<int>& chosen, i
   }
 }
 
+/// The epipolar constraint of a motion, made once for many pairs.
+class EpipolarConstraint {
+ public:
+  explicit EpipolarConstraint(const RelativeMotion& motion)
+      : essential_(Hat(motion.direction) * motion.second_from_first.toRotationMatrix()) {}
+
+  double ErrorPx(const RayPair& pair) const {
+    const Eigen::Vector3d line_in_second = essential_ * pair.ray_in_first;
+    const Eigen::Vector3d line_in_first = essential_.transpose() * pair.ray_in_second;
+    const double scale =
+        std::sqrt((pair.second_by_pixel.transpose() * line_in_second).squaredNorm() +
+                  (pair.first_by_pixel.transpose() * line_in_first).squaredNorm());
+    return pair.ray_in_second.dot(line_in_second) / std::max(scale, kMinScale);
+  }
+
+ private:
+  Eigen::Matrix3d essential_;
+};
+
 /// Truncated squared error (MSAC), so that among equal counts the tighter fit wins.
 double Score(const std::vector<RayPair>& pairs, const RelativeMotion& motion, double max_error_px) {
   const double bound = max_error_px * max_error_px;
   const std::size_t stride = std::max<std::size_t>(1, pairs.size() / kMaxScored);
+  const EpipolarConstraint constraint(motion);
   double score = 0.0;
   for (std::size_t i = 0; i < pairs.size(); i += stride) {
-    const double error = EpipolarErrorPx(pairs[i], motion);
+    const double error = constraint.ErrorPx(pairs[i]);
     score += std::min(error * error, bound);
   }
   return score;
@@ -113,9 +135,10 @@ double Score(const std::vector<RayPair>& pairs, const RelativeMotion& motion, do
 
 std::vector<int> Inliers(const std::vector<RayPair>& pairs, const RelativeMotion& motion,
                          double max_error_px) {
+  const EpipolarConstraint constraint(motion);
   std::vector<int> inliers;
   for (int i = 0; i < static_cast<int>(pairs.size()); ++i) {
-    if (std::abs(EpipolarErrorPx(pairs[i], motion)) <= max_error_px) inliers.push_back(i);
+    if (std::abs(constraint.ErrorPx(pairs[i])) <= max_error_px) inliers.push_back(i);
   }
   return inliers;
 }
@@ -174,7 +197,7 @@ RelativeMotion SampleMotions(const std::vector<RayPair>& pairs,
 }  // namespace
 
 double EpipolarErrorPx(const RayPair& pair, const RelativeMotion& motion) {
-  return Evaluate(pair, motion.second_from_first, motion.direction).error_px;
+  return EpipolarConstraint(motion).ErrorPx(pair);
 }
 
 std::optional<RelativeMotion> EstimateRelativeMotion(const std::vector<RayPair>& pairs,
@@ -191,10 +214,11 @@ std::optional<RelativeMotion> EstimateRelativeMotion(const std::vector<RayPair>&
   best.num_inliers = static_cast<int>(inliers.size());
   if (best.num_inliers < kMinPairs) return std::nullopt;
   best.inlier.assign(pairs.size(), false);
+  const EpipolarConstraint constraint(best);
   double sum = 0.0;
   for (int i : inliers) {
     best.inlier[i] = true;
-    sum += std::pow(EpipolarErrorPx(pairs[i], best), 2);
+    sum += std::pow(constraint.ErrorPx(pairs[i]), 2);
   }
   best.inlier_rms_px = std::sqrt(sum / best.num_inliers);
   return best;

@@ -127,12 +127,13 @@ std::optional<Eigen::Vector3d> SceneFlow::FitInverseRange(const Eigen::Vector2d&
       // From the second round on, features of another surface lose their say.
       const double robust = round == 0 ? 1.0 : scale / (scale + error);
       error_sum += error;
-      normal += support.weight * robust * support.ray * support.ray.transpose();
-      right += support.weight * robust * support.ray * support.inverse_range;
+      const Eigen::Vector3d weighted = support.weight * robust * support.ray;
+      normal.noalias() += weighted * support.ray.transpose();
+      right += weighted * support.inverse_range;
     }
     scale = error_sum / kNumSupports + 1e-6;
     normal.diagonal().array() += 1e-5 * normal.trace();
-    fit = normal.ldlt().solve(right);
+    fit = normal.inverse() * right;
   }
   if (!fit.allFinite()) return std::nullopt;
   return fit;
