@@ -239,8 +239,9 @@ void HeightSolver::SetConductances(float step_m) {
   });
 }
 
-/// y = A x. Uncovered vertices have neither weight nor conductance, nor has an edge that would leave
-/// the lattice: a row's last vertex may as well be taken for the neighbour of the next row's first.
+/// y = A x. Uncovered vertices have neither weight nor conductance, nor has an edge that would
+/// leave the lattice: a row's last vertex may as well be taken for the neighbour of the next row's
+/// first.
 void HeightSolver::Multiply(const std::vector<float>& x, std::vector<float>* y) const {
   const auto at = [&](std::size_t v, bool has_above, bool has_below) {
     float sum = diagonal_[v] * x[v];

@@ -133,18 +133,16 @@ std::optional<PatchTemplate> PatchTemplate::Create(const cv::Mat& image,
   }
   // Weighted least squares with a window that is not the inverse noise: the sandwich.
   patch.unit_covariance_ =
-      (patch.fine_.inverse * patch.fine_.meat * patch.fine_.inverse).topLeftCorner<2, 2>();
+      SandwichOf(patch.fine_.weighted, patch.fine_.inverse.leftCols<2>().cast<float>());
   return patch;
 }
 
 PatchTemplate::Normal PatchTemplate::MakeNormal(const Eigen::MatrixXf& design,
                                                 const Eigen::VectorXf& weights) {
   const Eigen::Index n = design.cols();
-  PatchGram gram = GramOf(design, weights);
   Normal normal;
-  normal.weighted = std::move(gram.weighted);
-  normal.meat = gram.meat;
-  const Eigen::LDLT<SmallMatrix> factor(gram.normal);
+  normal.weighted = Weighted(design, weights);
+  const Eigen::LDLT<SmallMatrix> factor(NormalOf(design, normal.weighted));
   const double min_pivot = factor.vectorD().minCoeff();
   if (factor.info() == Eigen::Success && min_pivot > kMinPivot * weights.sum()) {
     normal.inverse = factor.solve(SmallMatrix::Identity(n, n));

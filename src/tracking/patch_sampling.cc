@@ -1,11 +1,10 @@
 #include "patch_sampling.h"
 
 #include "pixel_kernels.h"
+#include "vector_dispatch.h"
 
-#if defined(__x86_64__) && defined(__GNUC__)
-#define SCENECALIB_HAS_AVX2_CODE
+#ifdef SCENECALIB_HAS_AVX2_CODE
 #include <immintrin.h>
-#define SCENECALIB_AVX2 __attribute__((target("avx2,fma")))
 #endif
 
 namespace scenecalib {
@@ -216,7 +215,7 @@ PatchSampler PortableSampler(PatchReading reading) {
 
 PatchSampler VectorSampler(PatchReading reading) {
 #ifdef SCENECALIB_HAS_AVX2_CODE
-  if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) {
+  if (HasAvx2()) {
     return reading == PatchReading::kSmooth ? SampleSmoothAvx2 : SampleBilinearAvx2;
   }
 #endif

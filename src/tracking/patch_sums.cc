@@ -2,7 +2,7 @@
 
 #include <cstring>
 
-#include "vector_clones.h"
+#include "vector_dispatch.h"
 
 namespace scenecalib {
 namespace {
@@ -11,7 +11,6 @@ constexpr Eigen::Index kLanes = 8;
 /// Eight pixels: one register with AVX2, two without.
 using Lanes = float __attribute__((vector_size(kLanes * sizeof(float))));
 
-// Macros and not functions: what passes vectors cannot be shared between the clones.
 #define SCENECALIB_LOAD(name, from) \
   Lanes name;                       \
   std::memcpy(&(name), (from), sizeof(Lanes))
@@ -23,9 +22,11 @@ double SumOf(const float* lanes) {
   return sum;
 }
 
-SCENECALIB_VECTOR_CLONES
-void SumFour(const float* columns, Eigen::Index num_rows, const float* values, float* sums) {
-  Lanes sum[4] = {};
+SCENECALIB_ALWAYS_INLINE void SumFourBody(const float* columns, Eigen::Index num_rows,
+                                          const float* values, float* sums) {
+  Lanes sum[4];
+#pragma GCC unroll 4
+  for (Lanes& lanes : sum) lanes = Lanes{};
   for (Eigen::Index i = 0; i < num_rows; i += kLanes) {
     SCENECALIB_LOAD(value, values + i);
 #pragma GCC unroll 4
@@ -37,9 +38,11 @@ void SumFour(const float* columns, Eigen::Index num_rows, const float* values, f
   std::memcpy(sums, sum, sizeof(sum));
 }
 
-SCENECALIB_VECTOR_CLONES
-void SumEight(const float* columns, Eigen::Index num_rows, const float* values, float* sums) {
-  Lanes sum[8] = {};
+SCENECALIB_ALWAYS_INLINE void SumEightBody(const float* columns, Eigen::Index num_rows,
+                                           const float* values, float* sums) {
+  Lanes sum[8];
+#pragma GCC unroll 8
+  for (Lanes& lanes : sum) lanes = Lanes{};
   for (Eigen::Index i = 0; i < num_rows; i += kLanes) {
     SCENECALIB_LOAD(value, values + i);
 #pragma GCC unroll 8
@@ -51,8 +54,8 @@ void SumEight(const float* columns, Eigen::Index num_rows, const float* values, 
   std::memcpy(sums, sum, sizeof(sum));
 }
 
-SCENECALIB_VECTOR_CLONES
-void Weigh(const float* column, const float* weights, Eigen::Index num_rows, float* weighted) {
+SCENECALIB_ALWAYS_INLINE void WeighBody(const float* column, const float* weights,
+                                        Eigen::Index num_rows, float* weighted) {
   for (Eigen::Index i = 0; i < num_rows; i += kLanes) {
     SCENECALIB_LOAD(value, column + i);
     SCENECALIB_LOAD(weight, weights + i);
@@ -61,11 +64,11 @@ void Weigh(const float* column, const float* weights, Eigen::Index num_rows, flo
   }
 }
 
-SCENECALIB_VECTOR_CLONES
-void SumMeanAndProduct(const float* values, const float* weights, const float* pattern,
-                       Eigen::Index num_rows, float* sums) {
-  Lanes mean = {};
-  Lanes product = {};
+SCENECALIB_ALWAYS_INLINE void SumMeanAndProductBody(const float* values, const float* weights,
+                                                    const float* pattern, Eigen::Index num_rows,
+                                                    float* sums) {
+  Lanes mean{};
+  Lanes product{};
   for (Eigen::Index i = 0; i < num_rows; i += kLanes) {
     SCENECALIB_LOAD(value, values + i);
     SCENECALIB_LOAD(weight, weights + i);
@@ -77,10 +80,9 @@ void SumMeanAndProduct(const float* values, const float* weights, const float* p
   SCENECALIB_STORE(product, sums + kLanes);
 }
 
-SCENECALIB_VECTOR_CLONES
-void SumVariance(const float* values, const float* weights, float mean, Eigen::Index num_rows,
-                 float* sums) {
-  Lanes variance = {};
+SCENECALIB_ALWAYS_INLINE void SumVarianceBody(const float* values, const float* weights, float mean,
+                                              Eigen::Index num_rows, float* sums) {
+  Lanes variance{};
   for (Eigen::Index i = 0; i < num_rows; i += kLanes) {
     SCENECALIB_LOAD(value, values + i);
     SCENECALIB_LOAD(weight, weights + i);
@@ -90,11 +92,11 @@ void SumVariance(const float* values, const float* weights, float mean, Eigen::I
   SCENECALIB_STORE(variance, sums);
 }
 
-SCENECALIB_VECTOR_CLONES
-void SumResidualSquare(const float* values, const float* design, const float* solution,
-                       Eigen::Index num_columns, const float* weights, Eigen::Index num_rows,
-                       float* sums) {
-  Lanes square = {};
+SCENECALIB_ALWAYS_INLINE void SumResidualSquareBody(const float* values, const float* design,
+                                                    const float* solution, Eigen::Index num_columns,
+                                                    const float* weights, Eigen::Index num_rows,
+                                                    float* sums) {
+  Lanes square{};
   for (Eigen::Index i = 0; i < num_rows; i += kLanes) {
     SCENECALIB_LOAD(residual, values + i);
     SCENECALIB_LOAD(weight, weights + i);
@@ -106,6 +108,57 @@ void SumResidualSquare(const float* values, const float* design, const float* so
   }
   SCENECALIB_STORE(square, sums);
 }
+
+/// Of two combinations of the columns: the first's square, their product, the second's square.
+SCENECALIB_ALWAYS_INLINE void SumCombinationSquaresBody(const float* columns,
+                                                        Eigen::Index num_columns,
+                                                        const float* first, const float* second,
+                                                        Eigen::Index num_rows, float* sums) {
+  Lanes squares[3] = {Lanes{}, Lanes{}, Lanes{}};
+  for (Eigen::Index i = 0; i < num_rows; i += kLanes) {
+    Lanes a{};
+    Lanes b{};
+    for (Eigen::Index c = 0; c < num_columns; ++c) {
+      SCENECALIB_LOAD(column, columns + c * num_rows + i);
+      a += column * first[c];
+      b += column * second[c];
+    }
+    squares[0] += a * a;
+    squares[1] += a * b;
+    squares[2] += b * b;
+  }
+  std::memcpy(sums, squares, sizeof(squares));
+}
+
+SCENECALIB_DISPATCHED(SumFour, SumFourBody,
+                      (const float* columns, Eigen::Index num_rows, const float* values,
+                       float* sums),
+                      (columns, num_rows, values, sums))
+SCENECALIB_DISPATCHED(SumEight, SumEightBody,
+                      (const float* columns, Eigen::Index num_rows, const float* values,
+                       float* sums),
+                      (columns, num_rows, values, sums))
+SCENECALIB_DISPATCHED(Weigh, WeighBody,
+                      (const float* column, const float* weights, Eigen::Index num_rows,
+                       float* weighted),
+                      (column, weights, num_rows, weighted))
+SCENECALIB_DISPATCHED(SumMeanAndProduct, SumMeanAndProductBody,
+                      (const float* values, const float* weights, const float* pattern,
+                       Eigen::Index num_rows, float* sums),
+                      (values, weights, pattern, num_rows, sums))
+SCENECALIB_DISPATCHED(SumVariance, SumVarianceBody,
+                      (const float* values, const float* weights, float mean, Eigen::Index num_rows,
+                       float* sums),
+                      (values, weights, mean, num_rows, sums))
+SCENECALIB_DISPATCHED(SumResidualSquare, SumResidualSquareBody,
+                      (const float* values, const float* design, const float* solution,
+                       Eigen::Index num_columns, const float* weights, Eigen::Index num_rows,
+                       float* sums),
+                      (values, design, solution, num_columns, weights, num_rows, sums))
+SCENECALIB_DISPATCHED(SumCombinationSquares, SumCombinationSquaresBody,
+                      (const float* columns, Eigen::Index num_columns, const float* first,
+                       const float* second, Eigen::Index num_rows, float* sums),
+                      (columns, num_columns, first, second, num_rows, sums))
 
 }  // namespace
 
@@ -120,20 +173,38 @@ void SumProducts(const Eigen::MatrixXf& columns, const float* values, double* pr
   for (Eigen::Index c = 0; c < n; ++c) products[c] = SumOf(sums + c * kLanes);
 }
 
-PatchGram GramOf(const Eigen::MatrixXf& design, const Eigen::VectorXf& weights) {
+Eigen::MatrixXf Weighted(const Eigen::MatrixXf& design, const Eigen::VectorXf& weights) {
+  Eigen::MatrixXf weighted(design.rows(), design.cols());
+  for (Eigen::Index c = 0; c < design.cols(); ++c) {
+    Weigh(design.col(c).data(), weights.data(), design.rows(), weighted.col(c).data());
+  }
+  return weighted;
+}
+
+PatchMatrix NormalOf(const Eigen::MatrixXf& design, const Eigen::MatrixXf& weighted) {
   const Eigen::Index n = design.cols();
-  PatchGram gram;
-  gram.weighted.resize(design.rows(), n);
-  gram.normal.resize(n, n);
-  gram.meat.resize(n, n);
+  const Eigen::Index num_rows = design.rows();
+  PatchMatrix normal(n, n);
+  float sums[8 * kLanes];
   for (Eigen::Index c = 0; c < n; ++c) {
-    Weigh(design.col(c).data(), weights.data(), design.rows(), gram.weighted.col(c).data());
+    // Symmetric: of the later columns, those of the first four are known.
+    const Eigen::Index first = c < 4 ? 0 : 4;
+    (n - first == 4 ? SumFour : SumEight)(weighted.col(first).data(), num_rows,
+                                          design.col(c).data(), sums);
+    for (Eigen::Index r = first; r < n; ++r) normal(r, c) = SumOf(sums + (r - first) * kLanes);
   }
-  for (Eigen::Index c = 0; c < n; ++c) {
-    SumProducts(gram.weighted, design.col(c).data(), gram.normal.col(c).data());
-    SumProducts(gram.weighted, gram.weighted.col(c).data(), gram.meat.col(c).data());
-  }
-  return gram;
+  if (n == 8) normal.topRightCorner<4, 4>() = normal.bottomLeftCorner<4, 4>().transpose();
+  return normal;
+}
+
+Eigen::Matrix2d SandwichOf(const Eigen::MatrixXf& weighted,
+                           const Eigen::Matrix<float, Eigen::Dynamic, 2, 0, 8, 2>& combination) {
+  float sums[3 * kLanes];
+  SumCombinationSquares(weighted.data(), weighted.cols(), combination.col(0).data(),
+                        combination.col(1).data(), weighted.rows(), sums);
+  Eigen::Matrix2d sandwich;
+  sandwich << SumOf(sums), SumOf(sums + kLanes), SumOf(sums + kLanes), SumOf(sums + 2 * kLanes);
+  return sandwich;
 }
 
 WeightedMoments MomentsOf(const Eigen::VectorXf& values, const float* weights,

@@ -4,7 +4,7 @@
 
 #include "pixel_kernels.h"
 #include "scenecalib/tracking/pixel_reading.h"
-#include "vector_clones.h"
+#include "vector_dispatch.h"
 
 namespace scenecalib {
 namespace {
@@ -25,8 +25,8 @@ PixelGrid EmptyGrid(int edge) {
 }
 
 /// Of each of `count` pixels the four (the two) from there on, weighted.
-SCENECALIB_VECTOR_CLONES
-void WeighFourPixels(const uchar* pixels, const float* weights, int count, float* sums) {
+SCENECALIB_ALWAYS_INLINE void WeighFourPixelsBody(const uchar* pixels, const float* weights,
+                                                  int count, float* sums) {
   const float a = weights[0], b = weights[1], c = weights[2], d = weights[3];
   for (int x = 0; x < count; ++x) {
     sums[x] = a * static_cast<float>(pixels[x]) + b * static_cast<float>(pixels[x + 1]) +
@@ -34,8 +34,8 @@ void WeighFourPixels(const uchar* pixels, const float* weights, int count, float
   }
 }
 
-SCENECALIB_VECTOR_CLONES
-void WeighTwoPixels(const uchar* pixels, const float* weights, int count, float* sums) {
+SCENECALIB_ALWAYS_INLINE void WeighTwoPixelsBody(const uchar* pixels, const float* weights,
+                                                 int count, float* sums) {
   const float a = weights[0], b = weights[1];
   for (int x = 0; x < count; ++x) {
     sums[x] = a * static_cast<float>(pixels[x]) + b * static_cast<float>(pixels[x + 1]);
@@ -43,15 +43,25 @@ void WeighTwoPixels(const uchar* pixels, const float* weights, int count, float*
 }
 
 /// Of each of `count` values the `taps` that lie a row apart from there on, weighted.
-SCENECALIB_VECTOR_CLONES
-void WeighRows(const float* values, const float* weights, int taps, int count, int row,
-               float* sums) {
+SCENECALIB_ALWAYS_INLINE void WeighRowsBody(const float* values, const float* weights, int taps,
+                                            int count, int row, float* sums) {
   for (int i = 0; i < count; ++i) sums[i] = weights[0] * values[i];
   for (int k = 1; k < taps; ++k) {
     const float* shifted = values + k * row;
     for (int i = 0; i < count; ++i) sums[i] += weights[k] * shifted[i];
   }
 }
+
+SCENECALIB_DISPATCHED(WeighFourPixels, WeighFourPixelsBody,
+                      (const uchar* pixels, const float* weights, int count, float* sums),
+                      (pixels, weights, count, sums))
+SCENECALIB_DISPATCHED(WeighTwoPixels, WeighTwoPixelsBody,
+                      (const uchar* pixels, const float* weights, int count, float* sums),
+                      (pixels, weights, count, sums))
+SCENECALIB_DISPATCHED(WeighRows, WeighRowsBody,
+                      (const float* values, const float* weights, int taps, int count, int row,
+                       float* sums),
+                      (values, weights, taps, count, row, sums))
 
 }  // namespace
 

@@ -42,19 +42,29 @@ class PatchSumsOf : public ::testing::TestWithParam<int> {};
 
 TEST_P(PatchSumsOf, AreTheNormalEquations) {
   const Patch patch(GetParam());
-  const PatchGram gram = GramOf(patch.design, patch.weights);
   const Eigen::MatrixXd design = patch.design.cast<double>();
-  const Eigen::MatrixXd weighted = patch.weights.cast<double>().asDiagonal() * design;
-  EXPECT_LT((gram.weighted.cast<double>() - weighted).norm(), 1e-6 * weighted.norm());
-  const Eigen::MatrixXd normal = design.transpose() * weighted;
-  EXPECT_LT((gram.normal - normal).norm(), 1e-6 * normal.norm());
-  const Eigen::MatrixXd meat = weighted.transpose() * weighted;
-  EXPECT_LT((gram.meat - meat).norm(), 1e-6 * meat.norm());
+  const Eigen::MatrixXd expected_weighted = patch.weights.cast<double>().asDiagonal() * design;
+  const Eigen::MatrixXf weighted = Weighted(patch.design, patch.weights);
+  EXPECT_LT((weighted.cast<double>() - expected_weighted).norm(), 1e-6 * expected_weighted.norm());
+  const Eigen::MatrixXd normal = design.transpose() * expected_weighted;
+  EXPECT_LT((NormalOf(patch.design, weighted) - normal).norm(), 1e-6 * normal.norm());
 
   Eigen::VectorXd products(GetParam());
-  SumProducts(gram.weighted, patch.values.data(), products.data());
-  const Eigen::VectorXd expected = weighted.transpose() * patch.values.cast<double>();
+  SumProducts(weighted, patch.values.data(), products.data());
+  const Eigen::VectorXd expected = expected_weighted.transpose() * patch.values.cast<double>();
   EXPECT_LT((products - expected).norm(), 1e-5 * expected.norm());
+}
+
+TEST_P(PatchSumsOf, CarryUnitVariancesThroughTwoCombinations) {
+  const Patch patch(GetParam());
+  const Eigen::MatrixXf weighted = Weighted(patch.design, patch.weights);
+  Eigen::MatrixXf combination(GetParam(), 2);
+  for (int c = 0; c < GetParam(); ++c) {
+    combination.row(c) << 0.2F * static_cast<float>(c + 1), 1.0F - 0.3F * static_cast<float>(c);
+  }
+  const Eigen::MatrixXd combined = weighted.cast<double>() * combination.cast<double>();
+  const Eigen::Matrix2d expected = combined.transpose() * combined;
+  EXPECT_LT((SandwichOf(weighted, combination) - expected).norm(), 1e-5 * expected.norm());
 }
 
 TEST_P(PatchSumsOf, TellWhatAModelLeaves) {

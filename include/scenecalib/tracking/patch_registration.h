@@ -102,7 +102,6 @@ class PatchTemplate {
     int stride = 1;
     Eigen::MatrixXf weighted;  ///< pixels x parameters, each row times its weight
     SmallMatrix inverse;       ///< of design^T W design; empty where that is singular
-    SmallMatrix meat;          ///< design^T W^2 design
   };
   static Normal MakeNormal(const Eigen::MatrixXf& design, const Eigen::VectorXf& weights);
 
