@@ -43,7 +43,8 @@ Result<SolveEvidence> CalibrationProblem::Solve() {
     return Status::NumericalFailure("the solver broke down: " + summary.message);
   }
   SolveEvidence evidence;
-  evidence.converged = summary.termination_type == ceres::CONVERGENCE;
+  evidence.converged = summary.termination_type == ceres::CONVERGENCE ||
+                       summary.termination_type == ceres::USER_SUCCESS;
   evidence.iterations = static_cast<int>(summary.iterations.size());
   evidence.num_terms = static_cast<int>(terms.size());
   evidence.initial_cost = summary.initial_cost;

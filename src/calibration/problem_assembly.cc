@@ -76,6 +76,21 @@ void AddCorrectionPriors(const CalibrationProblem& p, AssembledProblem* assemble
       nullptr, all));
 }
 
+/// Ends a solve at a step that is refused for next to nothing. Near the solution a single term that
+/// is far from linear (a ray that grazes its plane) can refuse one full step after the other, each
+/// at the cost of a whole evaluation, until damping makes them too small to matter.
+class EndAtIdleStep : public ceres::IterationCallback {
+ public:
+  ceres::CallbackReturnType operator()(const ceres::IterationSummary& step) override {
+    const bool is_idle =
+        !step.step_is_successful && std::abs(step.cost_change) < kIdleChange * std::abs(step.cost);
+    return is_idle ? ceres::SOLVER_TERMINATE_SUCCESSFULLY : ceres::SOLVER_CONTINUE;
+  }
+
+ private:
+  static constexpr double kIdleChange = 1e-5;  // of the cost
+};
+
 }  // namespace
 
 AssembledProblem AssembleProblem(const CalibrationProblem& p) {
@@ -115,6 +130,8 @@ void SolveAssembled(const AssembledProblem& assembled, ceres::Solver::Options op
 #if CERES_VERSION_MAJOR < 2
   options.evaluation_callback = assembled.preparation.get();
 #endif
+  EndAtIdleStep end_at_idle_step;
+  options.callbacks.push_back(&end_at_idle_step);
   assembled.preparation->costs = assembled.costs;
   ceres::Solve(options, assembled.problem.get(), summary);
   assembled.preparation->costs.clear();  // whoever evaluates the priors alone needs no groups
