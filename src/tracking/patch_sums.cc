@@ -22,31 +22,16 @@ double SumOf(const float* lanes) {
   return sum;
 }
 
-SCENECALIB_ALWAYS_INLINE void SumFourBody(const float* columns, Eigen::Index num_rows,
-                                          const float* values, float* sums) {
-  Lanes sum[4];
-#pragma GCC unroll 4
-  for (Lanes& lanes : sum) lanes = Lanes{};
-  for (Eigen::Index i = 0; i < num_rows; i += kLanes) {
-    SCENECALIB_LOAD(value, values + i);
-#pragma GCC unroll 4
-    for (int c = 0; c < 4; ++c) {
-      SCENECALIB_LOAD(column, columns + c * num_rows + i);
-      sum[c] += column * value;
-    }
-  }
-  std::memcpy(sums, sum, sizeof(sum));
-}
-
-SCENECALIB_ALWAYS_INLINE void SumEightBody(const float* columns, Eigen::Index num_rows,
-                                           const float* values, float* sums) {
-  Lanes sum[8];
+template <int kColumns>
+SCENECALIB_ALWAYS_INLINE void SumColumnsBody(const float* columns, Eigen::Index num_rows,
+                                             const float* values, float* sums) {
+  Lanes sum[kColumns];
 #pragma GCC unroll 8
   for (Lanes& lanes : sum) lanes = Lanes{};
   for (Eigen::Index i = 0; i < num_rows; i += kLanes) {
     SCENECALIB_LOAD(value, values + i);
 #pragma GCC unroll 8
-    for (int c = 0; c < 8; ++c) {
+    for (int c = 0; c < kColumns; ++c) {
       SCENECALIB_LOAD(column, columns + c * num_rows + i);
       sum[c] += column * value;
     }
@@ -130,11 +115,11 @@ SCENECALIB_ALWAYS_INLINE void SumCombinationSquaresBody(const float* columns,
   std::memcpy(sums, squares, sizeof(squares));
 }
 
-SCENECALIB_DISPATCHED(SumFour, SumFourBody,
+SCENECALIB_DISPATCHED(SumFour, SumColumnsBody<4>,
                       (const float* columns, Eigen::Index num_rows, const float* values,
                        float* sums),
                       (columns, num_rows, values, sums))
-SCENECALIB_DISPATCHED(SumEight, SumEightBody,
+SCENECALIB_DISPATCHED(SumEight, SumColumnsBody<8>,
                       (const float* columns, Eigen::Index num_rows, const float* values,
                        float* sums),
                       (columns, num_rows, values, sums))
