@@ -63,7 +63,7 @@ CalibrationServerNode::CalibrationServerNode(const NodeSetup& setup, const ros::
                                              const ros::NodeHandle& private_handle,
                                              const std::optional<EarlierCalibration>& fallback)
     : setup_(setup),
-      output_path_(private_handle.param<std::string>("output", "")),
+      output_path_(ReadText(private_handle, "output", "")),
       fallback_(fallback),
       handle_(handle),
       frame_parents_(handle),

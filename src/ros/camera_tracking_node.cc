@@ -178,7 +178,7 @@ Result<std::shared_ptr<std::vector<std::unique_ptr<CameraTrackingNode>>>> Create
     const ros::NodeHandle& handle, const ros::NodeHandle& private_handle) {
   const Result<NodeSetup> setup = ReadNodeSetup(private_handle);
   if (!setup.ok()) return setup.status();
-  const std::string wanted = private_handle.param<std::string>("camera", "");
+  const std::string wanted = ReadText(private_handle, "camera", "");
   auto nodes = std::make_shared<std::vector<std::unique_ptr<CameraTrackingNode>>>();
   for (const CameraConfig& camera : setup->rig.cameras) {
     if (!wanted.empty() && camera.name != wanted) continue;

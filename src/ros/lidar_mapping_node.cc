@@ -31,7 +31,7 @@ Result<std::shared_ptr<LidarMappingNode>> LidarMappingNode::Create(
 LidarMappingNode::LidarMappingNode(const NodeSetup& setup, const ros::NodeHandle& handle,
                                    const ros::NodeHandle& private_handle)
     : setup_(setup),
-      map_frame_id_(private_handle.param<std::string>("map_frame", "map")),
+      map_frame_id_(ReadText(private_handle, "map_frame", "map")),
       mapper_(setup.rig, setup.options.mapping),
       frame_parents_(handle),
       services_(private_handle) {

@@ -12,6 +12,13 @@
 
 namespace scenecalib {
 
+std::string ReadText(const ros::NodeHandle& handle, const std::string& name,
+                     const std::string& otherwise) {
+  // NodeHandle::param is not const in older versions of roscpp.
+  std::string value;
+  return handle.getParam(name, value) ? value : otherwise;
+}
+
 Result<NodeSetup> ReadNodeSetup(const ros::NodeHandle& private_handle) {
   std::string rig_path;
   if (!private_handle.getParam("rig", rig_path) || rig_path.empty()) {
@@ -21,7 +28,7 @@ Result<NodeSetup> ReadNodeSetup(const ros::NodeHandle& private_handle) {
   const Result<Rig> rig = ReadRig(rig_path);
   if (!rig.ok()) return rig.status();
   NodeSetup setup{*rig, {}};
-  const std::string config_path = private_handle.param<std::string>("config", "");
+  const std::string config_path = ReadText(private_handle, "config", "");
   if (!config_path.empty()) {
     SCENECALIB_RETURN_IF_ERROR(ReadOptionsYaml(config_path, &setup.options));
   }

@@ -86,7 +86,7 @@ StretchCalibration Stretch(const std::string& name, const Rig& rig, const Camera
 
 CameraVector Draw(const CameraMatrix& covariance, Random* random) {
   CameraVector unit;
-  for (double& value : unit) value = random->Gaussian();
+  for (int i = 0; i < unit.size(); ++i) unit[i] = random->Gaussian();
   return covariance.llt().matrixL() * unit;
 }
 

@@ -22,6 +22,10 @@ struct NodeSetup {
   PipelineOptions options;
 };
 
+/// The text of a parameter, `otherwise` where it is not set or no text.
+std::string ReadText(const ros::NodeHandle& handle, const std::string& name,
+                     const std::string& otherwise);
+
 /// NotFound or InvalidArgument naming the parameter, or file, key, value and bound.
 Result<NodeSetup> ReadNodeSetup(const ros::NodeHandle& private_handle);
 
