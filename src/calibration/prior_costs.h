@@ -58,7 +58,7 @@ class WalkCost : public ceres::SizedCostFunction<6, 6, 6> {
   Vector6d inverse_sigma_;
 };
 
-/// The mean of all knots over sigma: keeps a constant correction, which is indistinguishable from
+/// The mean of the knots over sigma: keeps a constant correction, which is indistinguishable from
 /// the extrinsics, at zero.
 class ZeroMeanCost : public ceres::CostFunction {
  public:

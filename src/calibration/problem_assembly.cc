@@ -13,6 +13,10 @@ namespace {
 /// Mean of the correction over all knots: this close to zero.
 constexpr double kZeroMeanRotation_rad = 1e-6;
 constexpr double kZeroMeanTranslation_m = 1e-5;
+/// A mean ties the knots that it is taken over to each other, all with all, and the factorisation
+/// fills in accordingly: on a drive of minutes it cost most of the solve's time and memory. So many
+/// knots, evenly spread, say the same.
+constexpr std::size_t kMaxKnotsInMean = 256;
 
 Vector6d Stack(double rotation, double translation) {
   Vector6d v;
@@ -63,17 +67,18 @@ void AddCorrectionPriors(const CalibrationProblem& p, AssembledProblem* assemble
   const Vector6d walk = root_spacing * Stack(p.correction_prior.walk_rotation_rad,
                                              p.correction_prior.walk_translation_m);
   std::vector<Vector6d>& knots = p.correction->knots();
-  std::vector<double*> all;
+  const std::size_t stride = (knots.size() + kMaxKnotsInMean - 1) / kMaxKnotsInMean;
+  std::vector<double*> averaged;
   for (std::size_t k = 0; k < knots.size(); ++k) {
-    all.push_back(knots[k].data());
+    if (k % stride == 0) averaged.push_back(knots[k].data());
     if (k == 0) continue;
     assembled->priors.push_back(assembled->problem->AddResidualBlock(
         new WalkCost(walk), nullptr, knots[k - 1].data(), knots[k].data()));
   }
   assembled->priors.push_back(assembled->problem->AddResidualBlock(
-      new ZeroMeanCost(static_cast<int>(all.size()),
+      new ZeroMeanCost(static_cast<int>(averaged.size()),
                        Stack(kZeroMeanRotation_rad, kZeroMeanTranslation_m)),
-      nullptr, all));
+      nullptr, averaged));
 }
 
 /// Ends a solve at a step that is refused for next to nothing. Near the solution a single term that
