@@ -20,7 +20,7 @@ run_packages=(
 )
 test_packages=(
   libgtest-dev librostest-dev python3-rostest python3-rospy python3-tf2-ros python3-yaml
-  python3-numpy python3-sensor-msgs python3-visualization-msgs
+  python3-numpy python3-sensor-msgs python3-visualization-msgs python3-diagnostic-msgs
   libnodeletlib-tools tf2-tools python3-roslz4 clang-format catkin-lint
 )
 
