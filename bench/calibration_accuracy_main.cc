@@ -57,12 +57,11 @@ void ReportMatches(const SimulatedDrive& drive, const std::vector<MatchedPixels>
     const auto point = truth.TrueScenePoint(match.source_camera,
                                             AddSeconds(match.source_stamp_ns, source.time_offset_s),
                                             match.source_px);
-    const auto map_from_lidar =
-        truth.MapFromLidar(AddSeconds(match.target_stamp_ns, target.time_offset_s));
     std::optional<Eigen::Vector2d> seen;
-    if (point && !point->is_moving && map_from_lidar) {
-      seen = target.model->Project((*map_from_lidar * target.lidar_from_camera).Inverse() *
-                                   point->point_in_map_m);
+    if (point && !point->is_moving) {
+      seen = truth.TruePixel(match.target_camera,
+                             AddSeconds(match.target_stamp_ns, target.time_offset_s),
+                             point->point_in_map_m);
     }
     const double error_px = seen ? (*seen - match.target_px).norm() : 1e3;
     errors_px.push_back(error_px);

@@ -128,7 +128,6 @@ struct Judgement {
 
 Judgement Judge(const Simulator& simulator, int camera, const Footage& footage,
                 const std::vector<Track>& tracks) {
-  const CameraConfig& config = simulator.true_rig().cameras[static_cast<std::size_t>(camera)];
   Judgement judgement;
   for (const Track& track : tracks) {
     ++judgement.num_tracks;
@@ -146,10 +145,8 @@ Judgement Judge(const Simulator& simulator, int camera, const Footage& footage,
       const TrackObservation& observation = track.observations[k];
       const Timestamp to_ns = footage.exposure_ns.at(observation.stamp_ns);
       const auto moved = simulator.PointAtTime(*point, from_ns, to_ns);
-      const auto map_from_lidar = simulator.MapFromLidar(to_ns);
-      if (!moved || !map_from_lidar) continue;
-      const auto pixel =
-          config.model->Project((*map_from_lidar * config.lidar_from_camera).Inverse() * *moved);
+      if (!moved) continue;
+      const auto pixel = simulator.TruePixel(camera, to_ns, *moved);
       const Eigen::Vector2d error =
           pixel ? Eigen::Vector2d(*pixel - observation.pixel) : Eigen::Vector2d(1e3, 1e3);
       judgement.error_px.push_back(error.norm());

@@ -94,14 +94,15 @@ const std::array<Eigen::Vector2d, 9> kSquare = {
 struct PlaneTransfer {
   const CameraModel* source_model;
   const CameraModel* target_model;
-  Rigid3 map_from_source;
-  Rigid3 target_from_map;
+  const ImagePose* source;
+  const ImagePose* target;
   Eigen::Vector3d point_in_map_m;
   Eigen::Vector3d normal_in_map;
 
   std::optional<Eigen::Vector3d> MeetPlane(const Eigen::Vector2d& source_px) const {
     const auto ray = source_model->Unproject(source_px);
     if (!ray) return std::nullopt;
+    const Rigid3 map_from_source = source->At(source_px.y());
     const Eigen::Vector3d direction = map_from_source.rotation * *ray;
     const double sine = normal_in_map.dot(direction);
     const double height = normal_in_map.dot(point_in_map_m - map_from_source.translation);
@@ -112,7 +113,7 @@ struct PlaneTransfer {
   std::optional<Eigen::Vector2d> operator()(const Eigen::Vector2d& source_px) const {
     const auto point = MeetPlane(source_px);
     if (!point) return std::nullopt;
-    return target_model->Project(target_from_map * *point);
+    return target->Project(*target_model, *point);
   }
 
   /// Second-order warp about a source pixel, fitted to eight samples at the given radius.
@@ -136,11 +137,11 @@ struct PlaneTransfer {
 
   /// The warp from where the target sees them.
   std::optional<PatchWarp> WarpOf(const Samples& samples, double radius_px) const {
-    const auto centre = target_model->Project(target_from_map * samples[0]);
+    const auto centre = target->Project(*target_model, samples[0]);
     if (!centre) return std::nullopt;
     Eigen::Matrix<double, 8, 2> pixels;
     for (int i = 0; i < 8; ++i) {
-      const auto pixel = target_model->Project(target_from_map * samples[i + 1]);
+      const auto pixel = target->Project(*target_model, samples[i + 1]);
       if (!pixel) return std::nullopt;
       pixels.row(i) = (*pixel - *centre).transpose();
     }
@@ -226,7 +227,7 @@ class PairMatcher {
     const auto warp = transfer->Warp(point.reference_px, options_.register_radius_px);
     if (!warp) return trial;
     trial.match.predicted_px = warp->center_px;
-    if (IsOccluded(*transfer)) {
+    if (IsOccluded(*transfer, warp->center_px.y())) {
       trial.verdict = Verdict::kOccluded;
       return trial;
     }
@@ -241,16 +242,15 @@ class PairMatcher {
 
  private:
   std::optional<PlaneTransfer> TransferOf(const FeaturePoint& point, Timestamp target_stamp) const {
-    const auto source_pose = source_.map_from_camera.find(point.reference_stamp_ns);
-    const auto target_pose = target_.map_from_camera.find(target_stamp);
-    if (source_pose == source_.map_from_camera.end() ||
-        target_pose == target_.map_from_camera.end() ||
+    const auto source_pose = source_.poses.find(point.reference_stamp_ns);
+    const auto target_pose = target_.poses.find(target_stamp);
+    if (source_pose == source_.poses.end() || target_pose == target_.poses.end() ||
         source_.images->count(point.reference_stamp_ns) == 0 ||
         target_.images->count(target_stamp) == 0) {
       return std::nullopt;
     }
-    return PlaneTransfer{source_.model.get(),           target_.model.get(),  source_pose->second,
-                         target_pose->second.Inverse(), point.point_in_map_m, point.normal_in_map};
+    return PlaneTransfer{source_.model.get(),  target_.model.get(),  &source_pose->second,
+                         &target_pose->second, point.point_in_map_m, point.normal_in_map};
   }
 
   std::vector<Candidate> BestViews(int index, const std::vector<Timestamp>& stamps) const {
@@ -286,8 +286,8 @@ class PairMatcher {
     return std::max(0.0, std::log(kSharp / std::max(1e-3, found->second)));
   }
 
-  bool IsOccluded(const PlaneTransfer& transfer) const {
-    const Eigen::Vector3d eye = transfer.target_from_map.Inverse().translation;
+  bool IsOccluded(const PlaneTransfer& transfer, double target_row_px) const {
+    const Eigen::Vector3d eye = transfer.target->At(target_row_px).translation;
     const Eigen::Vector3d line = transfer.point_in_map_m - eye;
     const double distance = line.norm();
     const auto hit = caster_.Cast({eye, line / distance}, kMaxRange_m);
@@ -299,7 +299,7 @@ class PairMatcher {
   bool IsOnPlane(const PlaneTransfer& back, const Eigen::Vector2d& pixel) const {
     const auto ray = target_.model->Unproject(pixel);
     if (!ray) return false;
-    const Rigid3& map_from_target = back.map_from_source;
+    const Rigid3 map_from_target = back.source->At(pixel.y());
     const auto hit =
         caster_.Cast({map_from_target.translation, map_from_target.rotation * *ray}, kMaxRange_m);
     if (!hit) return false;
@@ -322,8 +322,7 @@ class PairMatcher {
     }
     PlaneTransfer back = transfer;  // target pixels to source pixels
     std::swap(back.source_model, back.target_model);
-    back.map_from_source = transfer.target_from_map.Inverse();
-    back.target_from_map = transfer.map_from_source.Inverse();
+    std::swap(back.source, back.target);
     cv::Mat1b mask;
     cv::Mat patch;
     const double share =

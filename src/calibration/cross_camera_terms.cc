@@ -5,6 +5,7 @@
 #include <map>
 #include <utility>
 
+#include "image_poses.h"
 #include "scenecalib/tracking/image_quality.h"
 
 namespace scenecalib {
@@ -77,14 +78,7 @@ Result<MatchingCamera> PrepareForMatching(const JointCamera& camera, int index,
   result.model = *model;
   result.images = &camera.segment->images;
   result.relative_sharpness = RelativeSharpness(camera.segment->images);
-  const Rigid3 lidar_from_camera = parameters.LidarFromCamera();
-  for (const auto& image : camera.segment->images) {
-    const Timestamp stamp_ns = AddSeconds(image.first, joint.time_offset_s[c]);
-    const auto pose = map_from_lidar.Interpolate(stamp_ns);
-    if (!pose) continue;
-    result.map_from_camera[image.first] =
-        joint.correction.Apply(*pose, stamp_ns) * lidar_from_camera;
-  }
+  result.poses = ImagePosesOf(camera, index, joint, map_from_lidar);
   track_of->clear();
   for (const TransferTerm& term : terms) {
     if (term.source_camera != index || (!track_of->empty() && track_of->back() == term.track)) {
@@ -146,14 +140,15 @@ std::vector<TransferTerm> BuildCrossTerms(const std::vector<TransferTerm>& terms
     context.time_offset_s = joint->time_offset_s[target];
     context.map_from_lidar = &map_from_lidar;
     context.correction = &joint->correction;
-    const auto view = ViewAt(context, {match.target_stamp_ns, match.pixel, match.covariance_px2});
+    const TrackObservation seen{match.target_stamp_ns, match.pixel, match.covariance_px2};
+    const auto view = ViewAt(context, seen);
     if (!view) continue;
     TransferTerm term = *source->second;
     term.target_camera = match.target_camera;
     term.target = *view;
     term.target_covariance_px2 =
         match.covariance_px2 + floor_px * floor_px * Eigen::Matrix2d::Identity();
-    term.target_stamp_ns = AddSeconds(match.target_stamp_ns, joint->time_offset_s[target]);
+    term.target_stamp_ns = StampOf(context, seen);
     if (!joint->correction.empty()) {
       term.target_place = joint->correction.Locate(term.target_stamp_ns);
     }

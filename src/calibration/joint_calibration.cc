@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "cross_camera_terms.h"
+#include "image_poses.h"
 #include "patch_support.h"
 #include "scenecalib/geometry/so3.h"
 #include "scenecalib/sensor/lens_shape.h"
@@ -122,17 +123,7 @@ Status RegisterAgain(const JointCamera& camera, int index, const std::vector<Tra
   const CameraParameters& parameters = joint->cameras[index];
   const auto model = parameters.model->WithTunable(parameters.Intrinsics());
   if (!model.ok()) return model.status();
-  std::map<Timestamp, Rigid3> map_from_camera;
-  const Rigid3 lidar_from_camera = parameters.LidarFromCamera();
-  for (const auto& image : camera.segment->images) {
-    // Rolling shutters: the middle row's time. Only the shape of a warp comes from this pose.
-    const double middle_s =
-        0.5 * parameters.rolling_shutter_line_time_s * camera.config->model->height_px();
-    const Timestamp stamp_ns = AddSeconds(image.first, joint->time_offset_s[index] + middle_s);
-    const auto pose = trajectory.Interpolate(stamp_ns);
-    if (!pose) continue;
-    map_from_camera[image.first] = joint->correction.Apply(*pose, stamp_ns) * lidar_from_camera;
-  }
+  const std::map<Timestamp, ImagePose> poses = ImagePosesOf(camera, index, *joint, trajectory);
   std::vector<Track>& tracks = joint->tracks[index];
   std::vector<int> candidates;
   std::vector<PatchOnSurface> patches;
@@ -141,11 +132,12 @@ Status RegisterAgain(const JointCamera& camera, int index, const std::vector<Tra
       continue;
     }
     const Track& track = tracks[term.track];
-    const auto pose = map_from_camera.find(track.observations[track.reference].stamp_ns);
-    if (pose == map_from_camera.end()) continue;
+    const TrackObservation& reference = track.observations[track.reference];
+    const auto pose = poses.find(reference.stamp_ns);
+    if (pose == poses.end()) continue;
     candidates.push_back(term.track);
-    patches.push_back({track.observations[track.reference].pixel,
-                       pose->second,
+    patches.push_back({reference.pixel,
+                       pose->second.At(reference.pixel.y()),
                        {term.plane_point_in_map_m, term.plane_normal_in_map}});
   }
   const std::vector<int> radii =
@@ -160,8 +152,8 @@ Status RegisterAgain(const JointCamera& camera, int index, const std::vector<Tra
     planes.push_back(patches[i].plane);
     planes.back().radius_px = radii[i];
   }
-  MapGuidedTracks registered = RegisterThroughMap(tied, planes, **model, map_from_camera,
-                                                  camera.segment->images, options.map_guided);
+  MapGuidedTracks registered =
+      RegisterThroughMap(tied, planes, **model, poses, camera.segment->images, options.map_guided);
   for (std::size_t i = 0; i < indices.size(); ++i) {
     tracks[indices[i]] = std::move(registered.tracks[i]);
   }

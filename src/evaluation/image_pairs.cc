@@ -7,6 +7,7 @@
 #include <iterator>
 #include <optional>
 
+#include "scenecalib/sensor/image_pose.h"
 #include "surface_view.h"
 
 // Map of this file: AddFrames picks images and casts their rays; PairsOfCameras and PairsInTime
@@ -23,7 +24,7 @@ constexpr int kNumCells = 12000;
 struct Frame {
   std::size_t camera = 0;
   const cv::Mat* image = nullptr;
-  Rigid3 map_from_camera;
+  ImagePose pose;
   std::optional<SurfaceView> view;
 };
 
@@ -65,17 +66,15 @@ std::optional<Frame> MakeFrame(const Rig& rig, std::size_t camera, const SceneMa
   const CameraConfig& config = rig.cameras[camera];
   const auto image = Nearest(images, time_ns, config.time_offset_s, options.max_stamp_difference_s);
   if (image == images.end()) return std::nullopt;
-  const auto map_from_lidar =
-      map.map_from_lidar.Interpolate(AddSeconds(image->first, config.time_offset_s));
-  if (!map_from_lidar || image->second.type() != CV_8UC1 ||
-      image->second.cols != config.model->width_px() ||
+  const auto pose = ImagePoseOf(config, map.map_from_lidar, image->first);
+  if (!pose || image->second.type() != CV_8UC1 || image->second.cols != config.model->width_px() ||
       image->second.rows != config.model->height_px()) {
     return std::nullopt;
   }
   Frame frame;
   frame.camera = camera;
   frame.image = &image->second;
-  frame.map_from_camera = *map_from_lidar * config.lidar_from_camera;
+  frame.pose = *pose;
   return frame;
 }
 
@@ -104,7 +103,7 @@ void AddFrames(const Rig& rig, const SceneMap& map, const RayCaster& caster,
         MakeFrame(rig, camera, map, *images[camera],
                   AddSeconds(map.map_from_lidar.start_ns(), elapsed_s), options);
     if (!frame) return;
-    frame->view.emplace(*config.model, frame->map_from_camera, caster, kNumCells,
+    frame->view.emplace(*config.model, frame->pose, caster, kNumCells,
                         options.seed + static_cast<int>(slot));
     (*frames)[slot] = std::move(frame);
   });
@@ -154,7 +153,9 @@ std::vector<Pair> PairsInTime(const Frames& frames, const Rig& rig) {
 std::optional<std::pair<Eigen::Vector2d, PixelByPose>> Place(
     const Frame& frame, const CameraModel& model, const AxisValues& ranges,
     const Eigen::Vector3d& point_in_map_m) {
-  const Eigen::Vector3d point_m = frame.map_from_camera.Inverse() * point_in_map_m;
+  const auto seen_m = frame.pose.WhenSeen(model, point_in_map_m);
+  if (!seen_m) return std::nullopt;
+  const Eigen::Vector3d& point_m = *seen_m;
   ProjectionJacobians jacobians;
   const auto pixel = model.Project(point_m, &jacobians);
   if (!pixel) return std::nullopt;

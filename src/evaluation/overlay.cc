@@ -178,17 +178,22 @@ void DrawDots(const std::vector<VisiblePoint>& visible, const std::vector<cv::Ve
 
 std::vector<VisiblePoint> FindVisiblePoints(const CameraModel& camera,
                                             const std::vector<MapPoint>& points,
-                                            const Rigid3& camera_from_map,
-                                            const OverlayOptions& options) {
+                                            const ImagePose& pose, const OverlayOptions& options) {
   const double px_per_rad = PixelsPerRadian(camera);
+  const Rigid3 camera_from_map = pose.map_from_camera().Inverse();
   const Eigen::Matrix3d rotation = camera_from_map.RotationMatrix();
   DepthBuffer depth(camera.width_px(), camera.height_px());
   std::vector<VisiblePoint> inside;
   for (std::size_t i = 0; i < points.size(); ++i) {
-    const Eigen::Vector3d point_in_camera =
-        rotation * points[i].position_m.cast<double>() + camera_from_map.translation;
+    const Eigen::Vector3d point_in_map = points[i].position_m.cast<double>();
+    Eigen::Vector3d point_in_camera = rotation * point_in_map + camera_from_map.translation;
     const double range_m = point_in_camera.norm();
     if (!(range_m >= options.min_range_m && range_m <= options.max_range_m)) continue;
+    if (pose.is_rolling()) {
+      const auto seen = pose.WhenSeen(camera, point_in_map);
+      if (!seen) continue;
+      point_in_camera = *seen;
+    }
     const auto pixel = camera.Project(point_in_camera);
     if (!pixel) continue;
     depth.Splat(*pixel, 0.5 * options.map_spacing_m * px_per_rad / range_m, range_m);
@@ -207,7 +212,7 @@ std::vector<VisiblePoint> FindVisiblePoints(const CameraModel& camera,
 }
 
 Result<cv::Mat> DrawOverlay(const cv::Mat& image, const CameraConfig& camera,
-                            const std::vector<MapPoint>& points, const Rigid3& map_from_lidar,
+                            const std::vector<MapPoint>& points, const ImagePose& pose,
                             const std::string& caption, const OverlayOptions& options) {
   SCENECALIB_RETURN_IF_ERROR(CheckOptions(options));
   if (options.max_range_m <= options.min_range_m) {
@@ -230,10 +235,8 @@ Result<cv::Mat> DrawOverlay(const cv::Mat& image, const CameraConfig& camera,
     canvas = image.clone();
   }
   canvas.convertTo(canvas, -1, options.image_brightness);
-  const Rigid3 camera_from_map = (map_from_lidar * camera.lidar_from_camera).Inverse();
   const std::vector<cv::Vec3b> table = ColorTable();
-  DrawDots(FindVisiblePoints(*camera.model, points, camera_from_map, options), table, options,
-           &canvas);
+  DrawDots(FindVisiblePoints(*camera.model, points, pose, options), table, options, &canvas);
   DrawLegend(table, options, &canvas);
   if (!caption.empty()) {
     DrawCaption(caption, &canvas);

@@ -23,16 +23,16 @@ bool SamePlane(const SurfaceView::Cell& cell, const Eigen::Vector3d& point_m, do
 
 }  // namespace
 
-SurfaceView::SurfaceView(const CameraModel& camera, const Rigid3& map_from_camera,
-                         const RayCaster& caster, int num_cells, int seed)
-    : origin_in_map_m_(map_from_camera.translation) {
+SurfaceView::SurfaceView(const CameraModel& camera, const ImagePose& pose, const RayCaster& caster,
+                         int num_cells, int seed)
+    : origin_in_map_m_(pose.map_from_camera().translation) {
   const double area = static_cast<double>(camera.width_px()) * camera.height_px();
   edge_px_ = std::max(1.0, std::sqrt(area / num_cells));
   columns_ = std::max(1, static_cast<int>(camera.width_px() / edge_px_));
   rows_ = std::max(1, static_cast<int>(camera.height_px() / edge_px_));
   cells_.resize(static_cast<std::size_t>(columns_) * rows_);
   Random random(static_cast<std::uint64_t>(seed));
-  const Eigen::Matrix3d rotation = map_from_camera.RotationMatrix();
+  const Eigen::Matrix3d rotation = pose.map_from_camera().RotationMatrix();
   for (std::size_t i = 0; i < cells_.size(); ++i) {
     Cell& cell = cells_[i];
     const double column = static_cast<double>(i % static_cast<std::size_t>(columns_));
@@ -42,7 +42,12 @@ SurfaceView::SurfaceView(const CameraModel& camera, const Rigid3& map_from_camer
     cell.pixel = {x - 0.5, y - 0.5};
     const auto ray = camera.Unproject(cell.pixel);
     if (!ray) continue;
-    const auto hit = caster.Cast({origin_in_map_m_, rotation * *ray}, kMaxRange_m);
+    Ray in_map{origin_in_map_m_, rotation * *ray};
+    if (pose.is_rolling()) {
+      const Rigid3 of_row = pose.At(cell.pixel.y());
+      in_map = {of_row.translation, of_row.rotation * *ray};
+    }
+    const auto hit = caster.Cast(in_map, kMaxRange_m);
     if (!hit || hit->range_m < kMinRange_m) continue;
     cell.point_in_map_m = hit->point_in_map_m;
     cell.normal_in_map = hit->normal_in_map;

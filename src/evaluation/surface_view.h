@@ -4,14 +4,14 @@
 #include <optional>
 #include <vector>
 
-#include "scenecalib/geometry/rigid3.h"
 #include "scenecalib/mapping/ray_caster.h"
 #include "scenecalib/sensor/camera_model.h"
+#include "scenecalib/sensor/image_pose.h"
 
 namespace scenecalib {
 
-/// The map's surfaces as one camera sees them from one place: a ray in every cell of a grid over
-/// the image. Knows what is hidden and where depth jumps.
+/// The map's surfaces as one camera sees them in one image: a ray in every cell of a grid over the
+/// image. Knows what is hidden and where depth jumps.
 class SurfaceView {
  public:
   struct Cell {
@@ -24,7 +24,7 @@ class SurfaceView {
 
   /// About `num_cells` cells; their rays go through random pixels of theirs (seeded), so that no
   /// cell is favoured by lying on a pixel's centre.
-  SurfaceView(const CameraModel& camera, const Rigid3& map_from_camera, const RayCaster& caster,
+  SurfaceView(const CameraModel& camera, const ImagePose& pose, const RayCaster& caster,
               int num_cells, int seed);
 
   const std::vector<Cell>& cells() const { return cells_; }

@@ -5,29 +5,31 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
-#include <optional>
 
 #include "scenecalib/evaluation/overlay.h"
+#include "scenecalib/sensor/image_pose.h"
 
 namespace scenecalib {
 namespace {
 
-/// An image and where the lidar was when it was taken.
+/// An image and where its camera was meanwhile, by the initial rig and by the calibrated one.
 struct PlacedImage {
   cv::Mat pixels;
-  Rigid3 map_from_lidar;
+  ImagePose initial;
+  ImagePose calibrated;
 };
 
 /// Up to max_images images inside the map's time, in colour where there is any, spread evenly; the
 /// ends are left out.
-std::vector<PlacedImage> PickImages(const CameraConfig& camera, const SceneMap& map,
-                                    const CameraSegment& segment, int max_images) {
+std::vector<PlacedImage> PickImages(const CameraConfig& initial, const CameraConfig& calibrated,
+                                    const SceneMap& map, const CameraSegment& segment,
+                                    int max_images) {
   std::vector<PlacedImage> placed;
   const auto& images = segment.colour_images.empty() ? segment.images : segment.colour_images;
   for (const auto& [stamp_ns, pixels] : images) {
-    const std::optional<Rigid3> map_from_lidar =
-        map.map_from_lidar.Interpolate(AddSeconds(stamp_ns, camera.time_offset_s));
-    if (map_from_lidar && !pixels.empty()) placed.push_back({pixels, *map_from_lidar});
+    const auto before = ImagePoseOf(initial, map.map_from_lidar, stamp_ns);
+    const auto after = ImagePoseOf(calibrated, map.map_from_lidar, stamp_ns);
+    if (before && after && !pixels.empty()) placed.push_back({pixels, *before, *after});
   }
   const std::size_t wanted = static_cast<std::size_t>(max_images);
   if (placed.size() <= wanted) return placed;
@@ -55,7 +57,8 @@ Result<std::vector<CameraOverlays>> DrawOverlays(const Rig& initial, const Rig& 
   std::vector<CameraOverlays> overlays;
   for (std::size_t i = 0; i < segments.size(); ++i) {
     const CameraConfig& camera = initial.cameras[i];
-    const std::vector<PlacedImage> images = PickImages(camera, map, segments[i], max_images);
+    const std::vector<PlacedImage> images =
+        PickImages(camera, calibrated.cameras[i], map, segments[i], max_images);
     if (images.empty()) continue;
     std::vector<Result<cv::Mat>> drawings(2 * images.size(),
                                           Result<cv::Mat>(Status::Cancelled("not drawn")));
@@ -63,7 +66,7 @@ Result<std::vector<CameraOverlays>> DrawOverlays(const Rig& initial, const Rig& 
       const PlacedImage& image = images[k / 2];
       const bool is_after = k % 2 == 1;
       drawings[k] = DrawOverlay(image.pixels, is_after ? calibrated.cameras[i] : camera, map.points,
-                                image.map_from_lidar,
+                                is_after ? image.calibrated : image.initial,
                                 camera.name + (is_after ? " after" : " before"), options);
     });
     std::vector<cv::Mat> before;
@@ -89,11 +92,11 @@ std::vector<int> ColourMap(const Rig& calibrated, const SceneMap& map,
   for (std::size_t i = 0; i < segments.size(); ++i) {
     const CameraConfig& camera = calibrated.cameras[i];
     if (!camera.model) continue;
-    const std::vector<PlacedImage> images = PickImages(camera, map, segments[i], max_images);
+    const std::vector<PlacedImage> images =
+        PickImages(camera, camera, map, segments[i], max_images);
     std::vector<std::vector<VisiblePoint>> visible(images.size());
     tbb::parallel_for(std::size_t{0}, images.size(), [&](std::size_t k) {
-      const Rigid3 map_from_camera = images[k].map_from_lidar * camera.lidar_from_camera;
-      visible[k] = FindVisiblePoints(*camera.model, map.points, map_from_camera.Inverse(), options);
+      visible[k] = FindVisiblePoints(*camera.model, map.points, images[k].calibrated, options);
     });
     for (std::size_t k = 0; k < images.size(); ++k) {
       for (const VisiblePoint& seen : visible[k]) {

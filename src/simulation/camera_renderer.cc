@@ -74,9 +74,16 @@ struct PixelKey {
 
 struct CameraRenderer::Frame {
   RenderView view;
-  Eigen::Matrix3f map_from_camera_rotation;
   std::vector<Eigen::Vector3f> light;
   std::vector<PixelKey> keys;
+};
+
+/// Rows of a tile that are exposed together.
+struct CameraRenderer::Band {
+  const RenderInstant* instant;
+  bool sees_own;
+  int first_x, last_x;  ///< the last one not included
+  int first_y, last_y;
 };
 
 CameraRenderer::CameraRenderer(const SceneTracer* tracer, CameraModelPtr model,
@@ -162,7 +169,28 @@ Eigen::Vector3f CameraRenderer::RayStep(int x, int y, int step_x, int step_y) co
   return Eigen::Vector3f::Zero();
 }
 
-void CameraRenderer::Shade(const Frame& frame, Sample* samples, std::size_t num_samples,
+std::vector<CameraRenderer::Band> CameraRenderer::BandsOf(int tile, const Frame& frame) const {
+  const auto& instants = frame.view.instants;
+  const int x = (tile % tiles_x_) * kTileWidth;
+  const int y = (tile / tiles_x_) * kTileHeight;
+  Band band{&instants.front(),
+            tile_sees_own_[static_cast<std::size_t>(tile)] != 0,
+            x,
+            std::min(x + kTileWidth, width_),
+            y,
+            std::min(y + kTileHeight, height_)};
+  if (instants.size() == 1) return {band};
+  std::vector<Band> rows;
+  for (int row = band.first_y; row < std::min(y + kTileHeight, height_); ++row) {
+    band.instant = &instants[static_cast<std::size_t>(row)];
+    band.first_y = row;
+    band.last_y = row + 1;
+    rows.push_back(band);
+  }
+  return rows;
+}
+
+void CameraRenderer::Shade(const RenderInstant& instant, Sample* samples, std::size_t num_samples,
                            bool own_vehicle) const {
   thread_local std::vector<Eigen::Vector3f> directions, points;
   thread_local std::vector<SceneHit> hits;
@@ -172,8 +200,8 @@ void CameraRenderer::Shade(const Frame& frame, Sample* samples, std::size_t num_
   TraceOptions trace;
   trace.coherent = true;
   trace.num_objects = tracer_->num_objects() - (own_vehicle ? 0 : 1);
-  const Eigen::Vector3d& origin = frame.view.map_from_camera.translation;
-  const auto& poses = frame.view.map_from_object;
+  const Eigen::Vector3d& origin = instant.map_from_camera.translation;
+  const auto& poses = instant.map_from_object;
   tracer_->Trace(origin, directions.data(), num_samples, poses, trace, hits.data());
 
   // Which of the points that face the sun does it reach?
@@ -217,16 +245,14 @@ void CameraRenderer::Shade(const Frame& frame, Sample* samples, std::size_t num_
   }
 }
 
-void CameraRenderer::RenderTile(int tile, Frame* frame) const {
-  const int x0 = (tile % tiles_x_) * kTileWidth;
-  const int y0 = (tile / tiles_x_) * kTileHeight;
-  const Eigen::Matrix3f& rotation = frame->map_from_camera_rotation;
+void CameraRenderer::RenderBand(const Band& band, Frame* frame) const {
+  const Eigen::Matrix3f rotation = band.instant->map_from_camera.RotationMatrix().cast<float>();
   std::vector<Sample> samples;
   std::vector<std::size_t> pixels;
   samples.reserve(kTileWidth * kTileHeight);
   pixels.reserve(kTileWidth * kTileHeight);
-  for (int y = y0; y < std::min(y0 + kTileHeight, height_); ++y) {
-    for (int x = x0; x < std::min(x0 + kTileWidth, width_); ++x) {
+  for (int y = band.first_y; y < band.last_y; ++y) {
+    for (int x = band.first_x; x < band.last_x; ++x) {
       if (!IsLit(x, y)) continue;
       Sample sample;
       sample.direction_in_map = rotation * rays_[Index(x, y)];
@@ -237,8 +263,7 @@ void CameraRenderer::RenderTile(int tile, Frame* frame) const {
     }
   }
   if (samples.empty()) return;
-  Shade(*frame, samples.data(), samples.size(),
-        tile_sees_own_[static_cast<std::size_t>(tile)] != 0);
+  Shade(*band.instant, samples.data(), samples.size(), band.sees_own);
   for (std::size_t i = 0; i < samples.size(); ++i) {
     frame->light[pixels[i]] = samples[i].light;
     PixelKey& key = frame->keys[pixels[i]];
@@ -249,9 +274,8 @@ void CameraRenderer::RenderTile(int tile, Frame* frame) const {
   }
 }
 
-void CameraRenderer::SmoothTile(int tile, Frame* frame) const {
-  const int x0 = (tile % tiles_x_) * kTileWidth;
-  const int y0 = (tile / tiles_x_) * kTileHeight;
+void CameraRenderer::SmoothBand(const Band& band, Frame* frame) const {
+  const Eigen::Matrix3f rotation = band.instant->map_from_camera.RotationMatrix().cast<float>();
   const auto differs = [&](int x, int y, int nx, int ny) {
     if (nx < 0 || ny < 0 || nx >= width_ || ny >= height_ || !IsLit(nx, ny)) return false;
     return !frame->keys[Index(x, y)].SameAs(frame->keys[Index(nx, ny)]);
@@ -259,8 +283,8 @@ void CameraRenderer::SmoothTile(int tile, Frame* frame) const {
   const int n = options_.supersampling;
   std::vector<Sample> samples;
   std::vector<std::size_t> pixels;
-  for (int y = y0; y < std::min(y0 + kTileHeight, height_); ++y) {
-    for (int x = x0; x < std::min(x0 + kTileWidth, width_); ++x) {
+  for (int y = band.first_y; y < band.last_y; ++y) {
+    for (int x = band.first_x; x < band.last_x; ++x) {
       if (!IsLit(x, y) || !(differs(x, y, x + 1, y) || differs(x, y, x - 1, y) ||
                             differs(x, y, x, y + 1) || differs(x, y, x, y - 1))) {
         continue;
@@ -275,18 +299,17 @@ void CameraRenderer::SmoothTile(int tile, Frame* frame) const {
         const float across = golden - std::floor(golden) - 0.5F;
         Sample one = sample;
         one.direction_in_map =
-            frame->map_from_camera_rotation *
+            rotation *
             (rays_[Index(x, y)] + along * sample.ray_dx + across * sample.ray_dy).normalized();
-        one.ray_dx = frame->map_from_camera_rotation * sample.ray_dx;
-        one.ray_dy = frame->map_from_camera_rotation * sample.ray_dy;
+        one.ray_dx = rotation * sample.ray_dx;
+        one.ray_dy = rotation * sample.ray_dy;
         samples.push_back(one);
       }
       pixels.push_back(Index(x, y));
     }
   }
   if (samples.empty()) return;
-  Shade(*frame, samples.data(), samples.size(),
-        tile_sees_own_[static_cast<std::size_t>(tile)] != 0);
+  Shade(*band.instant, samples.data(), samples.size(), band.sees_own);
   for (std::size_t i = 0; i < pixels.size(); ++i) {
     // Averaged after the response's compression would be wrong: light adds up before the sensor.
     Eigen::Vector3f sum = Eigen::Vector3f::Zero();
@@ -324,13 +347,16 @@ void CameraRenderer::DevelopRow(int y, const Frame& frame, cv::Mat* image) const
 cv::Mat CameraRenderer::Render(const RenderView& view) const {
   Frame frame;
   frame.view = view;
-  frame.map_from_camera_rotation = view.map_from_camera.RotationMatrix().cast<float>();
   frame.light.assign(rays_.size(), Eigen::Vector3f::Zero());
   frame.keys.resize(rays_.size());
   cv::Mat image(height_, width_, options_.color ? CV_8UC3 : CV_8UC1);
-  tbb::parallel_for(0, tiles_x_ * tiles_y_, [&](int tile) { RenderTile(tile, &frame); });
+  tbb::parallel_for(0, tiles_x_ * tiles_y_, [&](int tile) {
+    for (const Band& band : BandsOf(tile, frame)) RenderBand(band, &frame);
+  });
   if (options_.supersampling > 1) {
-    tbb::parallel_for(0, tiles_x_ * tiles_y_, [&](int tile) { SmoothTile(tile, &frame); });
+    tbb::parallel_for(0, tiles_x_ * tiles_y_, [&](int tile) {
+      for (const Band& band : BandsOf(tile, frame)) SmoothBand(band, &frame);
+    });
   }
   tbb::parallel_for(0, height_, [&](int y) { DevelopRow(y, frame, &image); });
   return image;

@@ -199,8 +199,11 @@ void Simulator::Impl::MakeSchedule() {
   for (std::size_t i = 0; i < rig.cameras.size(); ++i) {
     exposure_ns.push_back(
         ticks(options.camera.rate_hz, options.camera.clock_rate_spread, options.duration_s));
-    add(MeasurementKind::kImage, static_cast<int>(i), exposure_ns.back(),
-        rig.cameras[i].time_offset_s, 0.0);
+    const CameraConfig& camera = rig.cameras[i];
+    const double read_out_s =
+        camera.rolling_shutter_line_time_s.value_or(0.0) * (camera.model->height_px() - 1);
+    add(MeasurementKind::kImage, static_cast<int>(i), exposure_ns.back(), camera.time_offset_s,
+        std::max(0.0, read_out_s));
   }
   if (rig.imu) {
     const Rigid3 vehicle_from_imu = vehicle_from_lidar * rig.imu->lidar_from_imu;
@@ -334,8 +337,13 @@ cv::Mat Simulator::RenderImageAt(int camera, Timestamp exposure_ns, int index) c
   const Impl& impl = *impl_;
   const auto i = static_cast<std::size_t>(camera);
   RenderView view;
-  view.map_from_camera = impl.MapFromLidar(exposure_ns) * impl.rig.cameras[i].lidar_from_camera;
-  view.map_from_object = impl.ObjectPoses(exposure_ns);
+  const CameraConfig& config = impl.rig.cameras[i];
+  const int num_instants = config.rolling_shutter_line_time_s ? config.model->height_px() : 1;
+  for (int row = 0; row < num_instants; ++row) {
+    const Timestamp row_ns = RowTime(camera, exposure_ns, row);
+    view.instants.push_back(
+        {impl.MapFromLidar(row_ns) * config.lidar_from_camera, impl.ObjectPoses(row_ns)});
+  }
   Random random = impl.random.Fork(kCamera).Fork(1000 + i);
   const double phase_rad = random.Uniform(0.0, 2.0 * M_PI);
   view.noise_seed =
@@ -351,12 +359,38 @@ std::optional<ScenePoint> Simulator::TrueScenePoint(int camera, Timestamp exposu
   const auto i = static_cast<std::size_t>(camera);
   const CameraConfig& config = impl_->rig.cameras[i];
   const auto ray = config.model->Unproject(pixel);
-  if (!ray || !impl_->Covers(exposure_ns)) return std::nullopt;
+  const Timestamp row_ns = RowTime(camera, exposure_ns, pixel.y());
+  if (!ray || !impl_->Covers(row_ns)) return std::nullopt;
   const double theta_rad = std::atan2(ray->head<2>().norm(), ray->z());
   if (theta_rad > impl_->options.camera.max_theta_deg * M_PI / 180.0) return std::nullopt;
-  const Rigid3 map_from_camera = impl_->MapFromLidar(exposure_ns) * config.lidar_from_camera;
-  return impl_->Cast(exposure_ns, map_from_camera.translation, map_from_camera.rotation * *ray,
+  const Rigid3 map_from_camera = impl_->MapFromLidar(row_ns) * config.lidar_from_camera;
+  return impl_->Cast(row_ns, map_from_camera.translation, map_from_camera.rotation * *ray,
                      impl_->renderers[i].sees_own_vehicle());
+}
+
+std::optional<Eigen::Vector2d> Simulator::TruePixel(int camera, Timestamp exposure_ns,
+                                                    const Eigen::Vector3d& point_in_map_m) const {
+  const CameraConfig& config = impl_->rig.cameras[static_cast<std::size_t>(camera)];
+  // A row's time moves the pixel by a few percent of what the row moved: soon it stands still.
+  constexpr int kMaxSteps = 10;
+  double row_px = 0.5 * config.model->height_px();
+  std::optional<Eigen::Vector2d> pixel;
+  for (int step = 0; step < kMaxSteps; ++step) {
+    const Timestamp row_ns = RowTime(camera, exposure_ns, row_px);
+    if (!impl_->Covers(row_ns)) return std::nullopt;
+    const Rigid3 map_from_camera = impl_->MapFromLidar(row_ns) * config.lidar_from_camera;
+    pixel = config.model->ProjectTuned(map_from_camera.Inverse() * point_in_map_m,
+                                       config.model->tunable(), nullptr);
+    if (!pixel || !config.rolling_shutter_line_time_s) break;
+    row_px = std::min(std::max(pixel->y(), -0.5), config.model->height_px() - 0.5);
+  }
+  if (!pixel || !config.model->IsInImage(*pixel)) return std::nullopt;
+  return pixel;
+}
+
+Timestamp Simulator::RowTime(int camera, Timestamp exposure_ns, double row_px) const {
+  const CameraConfig& config = impl_->rig.cameras[static_cast<std::size_t>(camera)];
+  return AddSeconds(exposure_ns, config.rolling_shutter_line_time_s.value_or(0.0) * row_px);
 }
 
 std::optional<ScenePoint> Simulator::CastRay(Timestamp stamp_ns,

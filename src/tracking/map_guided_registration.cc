@@ -25,10 +25,10 @@ constexpr double kSampleY[kNumSamples] = {-1, -1, -1, 0, 0, 1, 1, 1};
 
 /// Where the ray through a pixel meets the plane.
 std::optional<Eigen::Vector3d> MeetPlane(const CameraModel& model, const TrackPlane& plane,
-                                         const Rigid3& map_from_camera,
-                                         const Eigen::Vector2d& pixel) {
+                                         const ImagePose& pose, const Eigen::Vector2d& pixel) {
   const auto ray = model.Unproject(pixel);
   if (!ray) return std::nullopt;
+  const Rigid3 map_from_camera = pose.At(pixel.y());
   const Eigen::Vector3d ray_in_map = map_from_camera.rotation * *ray;
   const double sine = plane.normal_in_map.dot(ray_in_map);
   const double height = plane.normal_in_map.dot(plane.point_in_map_m - map_from_camera.translation);
@@ -55,18 +55,18 @@ struct PatchOnPlane {
 };
 
 std::optional<PatchOnPlane> LayOnPlane(const CameraModel& model, const TrackPlane& plane,
-                                       const Rigid3& map_from_reference,
+                                       const ImagePose& reference,
                                        const Eigen::Vector2d& reference_px, int radius_px) {
   PatchOnPlane patch;
   // Third-order terms make a fit at the patch's border wrong inside; at 0.7 they balance.
   patch.sample_radius_px = 0.7 * radius_px;
-  const auto center = MeetPlane(model, plane, map_from_reference, reference_px);
+  const auto center = MeetPlane(model, plane, reference, reference_px);
   if (!center) return std::nullopt;
   patch.center_in_map_m = *center;
   for (int i = 0; i < kNumSamples; ++i) {
     const Eigen::Vector2d offset(kSampleX[i], kSampleY[i]);
     const auto sample =
-        MeetPlane(model, plane, map_from_reference, reference_px + patch.sample_radius_px * offset);
+        MeetPlane(model, plane, reference, reference_px + patch.sample_radius_px * offset);
     if (!sample) return std::nullopt;
     patch.samples_in_map_m[i] = *sample;
   }
@@ -74,14 +74,13 @@ std::optional<PatchOnPlane> LayOnPlane(const CameraModel& model, const TrackPlan
 }
 
 std::optional<PatchWarp> SeeFrom(const CameraModel& model, const PatchOnPlane& patch,
-                                 const Rigid3& map_from_other) {
+                                 const ImagePose& other) {
   static const Eigen::Matrix<double, 5, kNumSamples> kFit = MakeFit();
-  const Rigid3 other_from_map = map_from_other.Inverse();
-  const auto center = model.Project(other_from_map * patch.center_in_map_m);
+  const auto center = other.Project(model, patch.center_in_map_m);
   if (!center) return std::nullopt;
   Eigen::Matrix<double, kNumSamples, 2> pixels;
   for (int i = 0; i < kNumSamples; ++i) {
-    const auto pixel = model.Project(other_from_map * patch.samples_in_map_m[i]);
+    const auto pixel = other.Project(model, patch.samples_in_map_m[i]);
     if (!pixel) return std::nullopt;
     pixels.row(i) = (*pixel - *center).transpose();
   }
@@ -98,12 +97,12 @@ std::optional<PatchWarp> SeeFrom(const CameraModel& model, const PatchOnPlane& p
 class GuidedTrack {
  public:
   GuidedTrack(const Track& track, const TrackPlane& plane, const CameraModel& model,
-              const std::map<Timestamp, Rigid3>& map_from_camera,
+              const std::map<Timestamp, ImagePose>& poses,
               const std::map<Timestamp, cv::Mat>& images, const MapGuidedOptions& options)
       : track_(track),
         plane_(plane),
         model_(model),
-        map_from_camera_(map_from_camera),
+        poses_(poses),
         images_(images),
         options_(options) {}
 
@@ -139,9 +138,9 @@ class GuidedTrack {
   bool Prepare() {
     if (track_.observations.empty()) return false;
     reference_ = &track_.observations[track_.reference];
-    const auto pose = map_from_camera_.find(reference_->stamp_ns);
+    const auto pose = poses_.find(reference_->stamp_ns);
     const auto image = images_.find(reference_->stamp_ns);
-    if (pose == map_from_camera_.end() || image == images_.end()) return false;
+    if (pose == poses_.end() || image == images_.end()) return false;
     int radius_px = options_.radius_px;
     for (const int bound_px : {plane_.radius_px, track_.patch_radius_px}) {
       if (bound_px > 0) radius_px = std::min(radius_px, bound_px);
@@ -155,8 +154,8 @@ class GuidedTrack {
 
   /// The warp at a time, by map and calibration; none where it says nothing useful.
   std::optional<PatchWarp> PredictWarp(Timestamp stamp_ns) const {
-    const auto pose = map_from_camera_.find(stamp_ns);
-    if (pose == map_from_camera_.end()) return std::nullopt;
+    const auto pose = poses_.find(stamp_ns);
+    if (pose == poses_.end()) return std::nullopt;
     auto warp = SeeFrom(model_, *on_plane_, pose->second);
     // A negative determinant sees the plane from behind.
     if (!warp || warp->affine.determinant() <= 0.0 ||
@@ -196,12 +195,11 @@ class GuidedTrack {
   /// calibration mispredicted in the sighting next in time is carried along.
   void Extend(int direction) {
     const Found* neighbour = direction > 0 ? &found_.rbegin()->second : &found_.begin()->second;
-    auto pose =
-        map_from_camera_.find(direction > 0 ? found_.rbegin()->first : found_.begin()->first);
+    auto pose = poses_.find(direction > 0 ? found_.rbegin()->first : found_.begin()->first);
     for (int i = 0; i < options_.max_extension; ++i) {
-      if (direction < 0 && pose == map_from_camera_.begin()) return;
+      if (direction < 0 && pose == poses_.begin()) return;
       direction > 0 ? ++pose : --pose;
-      if (pose == map_from_camera_.end()) return;
+      if (pose == poses_.end()) return;
       const auto predicted = PredictWarp(pose->first);
       if (!predicted) return;
       const Eigen::Vector2d start_px =
@@ -228,7 +226,7 @@ class GuidedTrack {
   const Track& track_;
   const TrackPlane& plane_;
   const CameraModel& model_;
-  const std::map<Timestamp, Rigid3>& map_from_camera_;
+  const std::map<Timestamp, ImagePose>& poses_;
   const std::map<Timestamp, cv::Mat>& images_;
   const MapGuidedOptions& options_;
 
@@ -242,29 +240,28 @@ class GuidedTrack {
 }  // namespace
 
 std::optional<PatchWarp> WarpThroughPlane(const CameraModel& model, const TrackPlane& plane,
-                                          const Rigid3& map_from_reference,
+                                          const ImagePose& reference,
                                           const Eigen::Vector2d& reference_px,
-                                          const Rigid3& map_from_other, int radius_px) {
-  const auto patch = LayOnPlane(model, plane, map_from_reference, reference_px, radius_px);
+                                          const ImagePose& other, int radius_px) {
+  const auto patch = LayOnPlane(model, plane, reference, reference_px, radius_px);
   if (!patch) return std::nullopt;
-  return SeeFrom(model, *patch, map_from_other);
+  return SeeFrom(model, *patch, other);
 }
 
 MapGuidedTracks RegisterThroughMap(const std::vector<Track>& tracks,
                                    const std::vector<TrackPlane>& planes, const CameraModel& model,
-                                   const std::map<Timestamp, Rigid3>& map_from_camera,
+                                   const std::map<Timestamp, ImagePose>& poses,
                                    const std::map<Timestamp, cv::Mat>& images,
                                    const MapGuidedOptions& options) {
   MapGuidedTracks result;
   result.tracks.resize(tracks.size());
-  tbb::parallel_for(
-      tbb::blocked_range<std::size_t>(0, tracks.size(), 16),
-      [&](const tbb::blocked_range<std::size_t>& range) {
-        for (std::size_t i = range.begin(); i < range.end(); ++i) {
-          result.tracks[i] =
-              GuidedTrack(tracks[i], planes[i], model, map_from_camera, images, options).Run();
-        }
-      });
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, tracks.size(), 16),
+                    [&](const tbb::blocked_range<std::size_t>& range) {
+                      for (std::size_t i = range.begin(); i < range.end(); ++i) {
+                        result.tracks[i] =
+                            GuidedTrack(tracks[i], planes[i], model, poses, images, options).Run();
+                      }
+                    });
   for (std::size_t i = 0; i < tracks.size(); ++i) {
     const auto& before = tracks[i].observations;
     const auto& after = result.tracks[i].observations;

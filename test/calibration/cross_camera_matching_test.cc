@@ -41,16 +41,17 @@ class CrossCameraMatchingTest : public ::testing::Test {
 
   void Add(int index, const CameraConfig& config, const Rigid3& map_from_lidar) {
     const Timestamp stamp = kStampNs + 3000000000LL * index;
-    true_map_from_camera_[index] = map_from_lidar * config.lidar_from_camera;
-    images_[index][stamp] = Render(*config.model, true_map_from_camera_[index]);
+    true_poses_[index] = map_from_lidar * config.lidar_from_camera;
+    images_[index][stamp] = Render(*config.model, true_poses_[index]);
     cameras_[index].model = config.model;
     cameras_[index].images = &images_[index];
-    cameras_[index].map_from_camera[stamp] = true_map_from_camera_[index];
+    cameras_[index].poses[stamp] = true_poses_[index];
   }
 
-  cv::Mat Render(const CameraModel& model, const Rigid3& map_from_camera) const {
+  cv::Mat Render(const CameraModel& model, const ImagePose& pose) const {
     cv::Mat1b image(model.height_px(), model.width_px(), uchar{0});
     for (int v = 0; v < image.rows; ++v) {
+      const Rigid3 map_from_camera = pose.At(v);
       for (int u = 0; u < image.cols; ++u) {
         const auto ray = model.Unproject(Eigen::Vector2d(u, v));
         if (!ray) continue;
@@ -72,7 +73,7 @@ class CrossCameraMatchingTest : public ::testing::Test {
       for (double y = -2.0; y <= 2.0; y += 0.4) {
         for (double z = 0.2; z <= 2.0; z += 0.45) {
           const Eigen::Vector3d point(kWallX, y, z);
-          const auto pixel = cameras_[i].model->Project(true_map_from_camera_[i].Inverse() * point);
+          const auto pixel = true_poses_[i].Project(*cameras_[i].model, point);
           if (!pixel) continue;
           FeaturePoint feature;
           feature.point_in_map_m = point;
@@ -92,14 +93,14 @@ class CrossCameraMatchingTest : public ::testing::Test {
 
   double ErrorOf(const CrossCameraMatch& match, const Eigen::Vector2d& pixel) const {
     const FeaturePoint& point = cameras_[match.source_camera].points[match.source_point];
-    const auto truth = cameras_[match.target_camera].model->Project(
-        true_map_from_camera_[match.target_camera].Inverse() * point.point_in_map_m);
+    const auto truth = true_poses_[match.target_camera].Project(
+        *cameras_[match.target_camera].model, point.point_in_map_m);
     return truth ? (*truth - pixel).norm() : 1e9;
   }
 
   double gain_ = 1.0;
   SceneMap map_;
-  std::array<Rigid3, 2> true_map_from_camera_;
+  std::array<ImagePose, 2> true_poses_;
   std::array<std::map<Timestamp, cv::Mat>, 2> images_;
   std::vector<MatchingCamera> cameras_;
 };
@@ -107,8 +108,9 @@ class CrossCameraMatchingTest : public ::testing::Test {
 TEST_F(CrossCameraMatchingTest, FindsThePixelAlthoughTheCalibrationIsOff) {
   AddPoints();
   // The second camera's pose is off by some four pixels.
-  for (auto& pose : cameras_[1].map_from_camera) {
-    pose.second = pose.second * Rigid3(ExpSo3({0.006, -0.007, 0.004}), {0.01, -0.02, 0.01});
+  for (auto& pose : cameras_[1].poses) {
+    pose.second =
+        pose.second.map_from_camera() * Rigid3(ExpSo3({0.006, -0.007, 0.004}), {0.01, -0.02, 0.01});
   }
   const CrossCameraMatching matching = Match();
   ASSERT_GT(matching.matches.size(), 40U);
@@ -119,9 +121,29 @@ TEST_F(CrossCameraMatchingTest, FindsThePixelAlthoughTheCalibrationIsOff) {
   }
 }
 
+TEST_F(CrossCameraMatchingTest, FollowsRollingShutters) {
+  // While the images are read out, one vehicle's camera moves by 16 cm and turns by half a degree.
+  const Rigid3 half(ExpSo3({0.0, 0.004, 0.002}), {0.08, 0.01, 0.02});
+  for (int i = 0; i < 2; ++i) {
+    const Rigid3 middle = true_poses_[i].map_from_camera();
+    const Timestamp stamp = images_[i].begin()->first;
+    true_poses_[i] =
+        ImagePose(middle * half.Inverse(), middle, middle * half, cameras_[i].model->height_px());
+    images_[i][stamp] = Render(*cameras_[i].model, true_poses_[i]);
+    cameras_[i].poses[stamp] = true_poses_[i];
+  }
+  AddPoints();
+  const CrossCameraMatching matching = Match();
+  ASSERT_GT(matching.matches.size(), 40U);
+  for (const CrossCameraMatch& match : matching.matches) {
+    EXPECT_LT(ErrorOf(match, match.predicted_px), 0.01);
+    EXPECT_LT(ErrorOf(match, match.pixel), 0.15) << "from camera " << match.source_camera;
+  }
+}
+
 TEST_F(CrossCameraMatchingTest, ExposureOfTheOtherCameraDoesNotMatter) {
   gain_ = 0.35;
-  images_[1].begin()->second = Render(*cameras_[1].model, true_map_from_camera_[1]);
+  images_[1].begin()->second = Render(*cameras_[1].model, true_poses_[1]);
   AddPoints();
   const CrossCameraMatching matching = Match();
   ASSERT_GT(matching.matches.size(), 40U);
@@ -137,7 +159,7 @@ TEST_F(CrossCameraMatchingTest, ABlurredImageGivesWayToASharpNeighbour) {
   const Timestamp first = images_[1].begin()->first;
   const Timestamp second = first + 100000000;
   images_[1][second] = images_[1].at(first).clone();
-  cameras_[1].map_from_camera[second] = true_map_from_camera_[1];
+  cameras_[1].poses[second] = true_poses_[1];
   for (FeaturePoint& point : cameras_[1].points) point.stamps_ns.push_back(second);
   const auto num_into = [&](Timestamp stamp) {
     const auto matches = Match(options).matches;
@@ -184,7 +206,7 @@ TEST_F(CrossCameraMatchingTest, SomethingElseInTheImageIsNotMatched) {
 TEST_F(CrossCameraMatchingTest, AFlatWallIsNotMatched) {
   gain_ = 0.0;
   for (int i = 0; i < 2; ++i) {
-    images_[i].begin()->second = Render(*cameras_[i].model, true_map_from_camera_[i]);
+    images_[i].begin()->second = Render(*cameras_[i].model, true_poses_[i]);
   }
   AddPoints();
   EXPECT_TRUE(Match().matches.empty());

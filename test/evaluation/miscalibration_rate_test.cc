@@ -87,6 +87,24 @@ TEST_F(MiscalibrationRates, AnErrorOnOneAxisOfOneCameraShowsOnThatAxisAlone) {
   }
 }
 
+TEST_F(MiscalibrationRates, KnowWhenTheRowsOfARollingShutterAreExposed) {
+  const std::map<Timestamp, cv::Mat> at_once = images_;
+  rig_.cameras[0].rolling_shutter_line_time_s =
+      4e-4;  // 7 cm forward from the first row to the last
+  for (auto& [stamp_ns, image] : images_) image = Render(stamp_ns);
+  CameraConfig global = rig_.cameras[0];
+  global.rolling_shutter_line_time_s.reset();
+  const auto worst_of = [&](const CameraConfig& second) {
+    const auto rates =
+        ComputeMiscalibrationRates(RigOf({global, second}), map_, {&at_once, &images_}, options_);
+    EXPECT_TRUE(rates.ok() && rates->at(1));
+    const MiscalibrationRate& r = *rates->at(1);
+    return std::max({r.x, r.y, r.z, r.pitch, r.yaw, r.roll});
+  };
+  EXPECT_LT(worst_of(rig_.cameras[0]), 0.15);
+  EXPECT_GT(worst_of(global), 0.3);
+}
+
 TEST_F(MiscalibrationRates, WithTheOtherAxesFixedATurnLooksLikeAShiftAsInThePaper) {
   Rig rig = RigOf({rig_.cameras[0], Moved(rig_.cameras[0], {0.0, 0.0017, 0.0}, {0, 0, 0})});
   options_.free_other_axes = false;

@@ -23,7 +23,8 @@ std::vector<MapPoint> Wall(double x_m, double half_width_m) {
   return points;
 }
 
-Rigid3 CameraFromMap() { return ForwardCamera("front").lidar_from_camera.Inverse(); }
+/// With the lidar at the map's origin.
+Rigid3 MapFromCamera() { return ForwardCamera("front").lidar_from_camera; }
 
 TEST(Overlay, PointsBehindANearerSurfaceAreHidden) {
   std::vector<MapPoint> points = Wall(5.0, 1.0);
@@ -32,7 +33,7 @@ TEST(Overlay, PointsBehindANearerSurfaceAreHidden) {
   int num_near_seen = 0;
   int num_far_seen = 0;
   for (const VisiblePoint& point : FindVisiblePoints(*ForwardCamera("front").model, points,
-                                                     CameraFromMap(), OverlayOptions())) {
+                                                     MapFromCamera(), OverlayOptions())) {
     if (point.index < num_near) {
       ++num_near_seen;
       continue;
@@ -56,12 +57,12 @@ TEST(Overlay, GroundSeenAtAGrazingAngleDoesNotHideItself) {
     }
   }
   const CameraConfig camera = ForwardCamera("front");
-  const Rigid3 camera_from_map = CameraFromMap();
+  const Rigid3 camera_from_map = MapFromCamera().Inverse();
   std::size_t num_inside = 0;
   for (const MapPoint& point : points) {
     if (camera.model->Project(camera_from_map * point.position_m.cast<double>())) ++num_inside;
   }
-  const auto visible = FindVisiblePoints(*camera.model, points, CameraFromMap(), OverlayOptions());
+  const auto visible = FindVisiblePoints(*camera.model, points, MapFromCamera(), OverlayOptions());
   EXPECT_EQ(visible.size(), num_inside);
 }
 
@@ -71,18 +72,40 @@ TEST(Overlay, PointsOutOfRangeOrBehindTheCameraAreNotVisible) {
                                         {{-10.0F, 0.0F, 0.0F}, 0.0F},
                                         {{10.0F, 0.0F, 0.0F}, 0.0F}};
   const auto visible =
-      FindVisiblePoints(*ForwardCamera("front").model, points, CameraFromMap(), OverlayOptions());
+      FindVisiblePoints(*ForwardCamera("front").model, points, MapFromCamera(), OverlayOptions());
   ASSERT_EQ(visible.size(), 1u);
   EXPECT_EQ(visible[0].index, 3u);
   EXPECT_NEAR(visible[0].range_m, 10.0, 1e-6);
   EXPECT_LT((visible[0].pixel - Eigen::Vector2d(319.5, 239.5)).norm(), 1e-4);
 }
 
+TEST(Overlay, PointsLieWhereARollingShutterSawThem) {
+  const CameraModelPtr model = ForwardCamera("front").model;
+  // 16 cm to the side while the image is read out.
+  const auto at = [](double right_m) {
+    return MapFromCamera() * Rigid3(Eigen::Quaterniond::Identity(), {right_m, 0.0, 0.0});
+  };
+  const ImagePose pose(at(-0.08), at(0.0), at(0.08), model->height_px());
+  const std::vector<MapPoint> points = Wall(10.0, 3.0);
+  const auto visible = FindVisiblePoints(*model, points, pose, OverlayOptions());
+  ASSERT_EQ(visible.size(), points.size());
+  double farthest_px = 0.0;
+  for (const VisiblePoint& seen : visible) {
+    const Eigen::Vector3d point = points[seen.index].position_m.cast<double>();
+    const auto then = model->Project(pose.At(seen.pixel.y()).Inverse() * point);
+    ASSERT_TRUE(then);
+    EXPECT_LT((*then - seen.pixel).norm(), 1e-3);
+    const auto at_once = model->Project(pose.map_from_camera().Inverse() * point);
+    farthest_px = std::max(farthest_px, (*at_once - seen.pixel).norm());
+  }
+  EXPECT_GT(farthest_px, 1.0);
+}
+
 TEST(Overlay, DrawsWarmDotsNearAndColdDotsFar) {
   const cv::Mat image(480, 640, CV_8UC1, cv::Scalar(100));
   const auto dot = [&image](float x_m) {
     const auto overlay = DrawOverlay(image, ForwardCamera("front"), {{{x_m, 0.0F, 0.0F}, 0.0F}},
-                                     Rigid3(), "", OverlayOptions());
+                                     MapFromCamera(), "", OverlayOptions());
     EXPECT_TRUE(overlay.ok()) << overlay.status().message();
     EXPECT_EQ(overlay->type(), CV_8UC3);
     EXPECT_EQ(overlay->size(), image.size());
@@ -99,7 +122,7 @@ TEST(Overlay, MovesWithThePoseOfTheLidar) {
   const cv::Mat image(480, 640, CV_8UC3, cv::Scalar::all(0));
   const Rigid3 map_from_lidar(Eigen::Quaterniond::Identity(), {100.0, 0.0, 0.0});
   const auto overlay = DrawOverlay(image, ForwardCamera("front"), {{{110.0F, 0.0F, 0.0F}, 0.0F}},
-                                   map_from_lidar, "", OverlayOptions());
+                                   map_from_lidar * MapFromCamera(), "", OverlayOptions());
   ASSERT_TRUE(overlay.ok());
   EXPECT_NE(overlay->at<cv::Vec3b>(240, 320), cv::Vec3b(0, 0, 0));
 }
@@ -107,7 +130,7 @@ TEST(Overlay, MovesWithThePoseOfTheLidar) {
 TEST(Overlay, RefusesImagesOfAnotherSizeOrType) {
   const CameraConfig camera = ForwardCamera("front");
   const auto message = [&camera](const cv::Mat& image, const OverlayOptions& options) {
-    return DrawOverlay(image, camera, {}, Rigid3(), "", options).status().message();
+    return DrawOverlay(image, camera, {}, MapFromCamera(), "", options).status().message();
   };
   EXPECT_EQ(message(cv::Mat(10, 20, CV_8UC1, cv::Scalar(0)), OverlayOptions()),
             "overlay: camera front needs an 8-bit grey or BGR image of 640x480, not one of 20x10");

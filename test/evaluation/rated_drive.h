@@ -10,6 +10,7 @@
 
 #include "evaluation_fixture.h"
 #include "scenecalib/evaluation/miscalibration_rate.h"
+#include "scenecalib/sensor/image_pose.h"
 
 namespace scenecalib {
 
@@ -58,10 +59,10 @@ class RatedDrive : public ::testing::Test {
   /// Exact: the first of the three planes that a pixel's ray meets.
   cv::Mat Render(Timestamp stamp_ns) const {
     const CameraConfig& camera = rig_.cameras[0];
-    const Rigid3 map_from_camera =
-        *map_.map_from_lidar.Interpolate(stamp_ns) * camera.lidar_from_camera;
+    const ImagePose pose = *ImagePoseOf(camera, map_.map_from_lidar, stamp_ns);
     cv::Mat image(camera.model->height_px(), camera.model->width_px(), CV_8UC1, cv::Scalar(0));
     for (int y = 0; y < image.rows; ++y) {
+      const Rigid3 map_from_camera = pose.At(y);
       for (int x = 0; x < image.cols; ++x) {
         const Eigen::Vector3d& origin = map_from_camera.translation;
         const Eigen::Vector3d ray =

@@ -147,11 +147,11 @@ TEST(Simulator, SchedulesEverySensorInOrderWithinTheRecording) {
   EXPECT_NEAR(counts[3], 50, 6);
 }
 
-TEST(Simulator, ShowsAScenePointWhereItsProjectionIsAtAnotherTime) {
+/// An image shows what an earlier one did, at the pixels where the truth says.
+void ExpectTruePixelsToShowTheSame(const Rig& rig) {
   SimulationOptions options = SmallOptions();
   options.camera.noise_levels = 0.0;
   options.world.num_moving_cars = 0;
-  const Rig rig = SmallRig(320);
   const Simulator simulator = MakeSimulator(rig, options);
   const int camera = 1;
   const Timestamp first_ns = ExposureOf(simulator, camera, 3);
@@ -159,9 +159,6 @@ TEST(Simulator, ShowsAScenePointWhereItsProjectionIsAtAnotherTime) {
   cv::Mat first, second;
   cv::cvtColor(simulator.RenderImageAt(camera, first_ns, 0), first, cv::COLOR_BGR2GRAY);
   cv::cvtColor(simulator.RenderImageAt(camera, second_ns, 0), second, cv::COLOR_BGR2GRAY);
-  const CameraConfig& config = rig.cameras[1];
-  const Rigid3 camera_from_map =
-      (*simulator.MapFromLidar(second_ns) * config.lidar_from_camera).Inverse();
   double at_projection = 0.0;
   double beside = 0.0;
   int count = 0;
@@ -169,7 +166,7 @@ TEST(Simulator, ShowsAScenePointWhereItsProjectionIsAtAnotherTime) {
     for (int x = 20; x < first.cols - 20; x += 3) {
       const auto point = simulator.TrueScenePoint(camera, first_ns, Eigen::Vector2d(x, y));
       if (!point || point->is_own_vehicle) continue;
-      const auto pixel = config.model->Project(camera_from_map * point->point_in_map_m);
+      const auto pixel = simulator.TruePixel(camera, second_ns, point->point_in_map_m);
       if (!pixel || pixel->x() < 3.0 || pixel->y() < 3.0 || pixel->x() > first.cols - 4.0 ||
           pixel->y() > first.rows - 4.0) {
         continue;
@@ -192,6 +189,29 @@ TEST(Simulator, ShowsAScenePointWhereItsProjectionIsAtAnotherTime) {
   // What is left at the right place is interpolation and the change of scale.
   EXPECT_LT(at_projection / count, 5.0);
   EXPECT_GT(beside, 2.5 * at_projection);
+}
+
+TEST(Simulator, ShowsAScenePointWhereItsProjectionIsAtAnotherTime) {
+  ExpectTruePixelsToShowTheSame(SmallRig(320));
+}
+
+TEST(Simulator, ExposesTheRowsOfARollingShutterOneAfterTheOther) {
+  Rig rig = SmallRig(320);
+  rig.cameras[1].rolling_shutter_line_time_s = 2e-4;
+  ExpectTruePixelsToShowTheSame(rig);
+  const Simulator rolling = MakeSimulator(rig, SmallOptions());
+  const Simulator global = MakeSimulator(SmallRig(320), SmallOptions());
+  const Timestamp stamp_ns = ExposureOf(rolling, 1, 3);
+  EXPECT_EQ(rolling.RowTime(1, stamp_ns, 100.0), AddSeconds(stamp_ns, 0.02));
+  EXPECT_EQ(global.RowTime(1, stamp_ns, 100.0), stamp_ns);
+  const cv::Mat image = rolling.RenderImageAt(1, stamp_ns, 0);
+  const cv::Mat at_once = global.RenderImageAt(1, stamp_ns, 0);
+  const cv::Mat later = global.RenderImageAt(1, rolling.RowTime(1, stamp_ns, image.rows - 1), 0);
+  // The exposure breathes: the last row, 40 ms later, may be a level brighter or darker.
+  const int last = image.rows - 1;
+  EXPECT_EQ(cv::norm(image.row(0), at_once.row(0), cv::NORM_INF), 0.0);
+  EXPECT_LE(cv::norm(image.row(last), later.row(last), cv::NORM_INF), 2.0);
+  EXPECT_GT(cv::norm(image.row(last), at_once.row(last), cv::NORM_INF), 20.0);
 }
 
 TEST(Simulator, DrawsAThousandCornersThatAreNotNoise) {

@@ -27,6 +27,7 @@ struct RoadScene {
   std::vector<TexturedPlane> world;
   CameraModelPtr model = MakePinhole(400, 300, 220.0);
   std::map<Timestamp, Rigid3> map_from_camera;
+  std::map<Timestamp, ImagePose> poses;
   std::map<Timestamp, cv::Mat> images;
   std::vector<Track> tracks;
   std::vector<TrackPlane> planes;
@@ -39,6 +40,7 @@ struct RoadScene {
       const double t = 0.12 * i;
       const Rigid3 pose(ExpSo3({-0.35 + 0.02 * std::sin(i), 0.03 * t, 0.0}), {0.1 * t, 0.0, t});
       map_from_camera[Stamp(i)] = pose;
+      poses[Stamp(i)] = pose;
       cv::Mat& rendered = Rendered()[{noise, i}];  // rendering is most of these tests' time
       if (rendered.empty()) rendered = RenderPlanes(world, *model, pose, noise, i + 1);
       images[Stamp(i)] = rendered;
@@ -78,7 +80,7 @@ struct RoadScene {
   }
 
   MapGuidedTracks Register(const MapGuidedOptions& options) const {
-    return RegisterThroughMap(tracks, planes, *model, map_from_camera, images, options);
+    return RegisterThroughMap(tracks, planes, *model, poses, images, options);
   }
 
   /// Errors against the truth, along the flow and in all.
@@ -218,8 +220,8 @@ TEST(RegisterThroughMap, ExtendsTracksAtBothEnds) {
 TEST(RegisterThroughMap, ToleratesACalibrationThatIsStillOff) {
   RoadScene scene(2.0, 0, 6);
   const Rigid3 error(ExpSo3({0.004, -0.005, 0.003}), {0.03, -0.02, 0.03});
-  auto poses = scene.map_from_camera;
-  for (auto& [stamp_ns, pose] : poses) pose = pose * error;
+  auto poses = scene.poses;
+  for (auto& [stamp_ns, pose] : poses) pose = pose.map_from_camera() * error;
   const auto found = RegisterThroughMap(scene.tracks, scene.planes, *scene.model, poses,
                                         scene.images, MapGuidedOptions());
   EXPECT_LT(found.num_tracks_dropped, static_cast<int>(scene.tracks.size()) / 10);
@@ -249,7 +251,7 @@ TEST(RegisterThroughMap, DropsWhatDoesNotLookAsPredicted) {
 TEST(RegisterThroughMap, DropsTracksWithoutPoseImageOrObservations) {
   RoadScene scene(2.0, 0, 6);
   scene.tracks[0].observations.clear();
-  auto poses = scene.map_from_camera;
+  auto poses = scene.poses;
   poses.erase(Stamp(kReference));
   const auto found = RegisterThroughMap(scene.tracks, scene.planes, *scene.model, poses,
                                         scene.images, MapGuidedOptions());

@@ -7,9 +7,9 @@
 
 #include "scenecalib/base/options.h"
 #include "scenecalib/base/timestamp.h"
-#include "scenecalib/geometry/rigid3.h"
 #include "scenecalib/mapping/ray_caster.h"
 #include "scenecalib/sensor/camera_model.h"
+#include "scenecalib/sensor/image_pose.h"
 
 namespace scenecalib {
 
@@ -83,7 +83,7 @@ struct FeaturePoint {
 struct MatchingCamera {
   CameraModelPtr model;                                  ///< with the present intrinsics
   const std::map<Timestamp, cv::Mat>* images = nullptr;  ///< 8-bit grey, not owned
-  std::map<Timestamp, Rigid3> map_from_camera;           ///< at the images' stamps
+  std::map<Timestamp, ImagePose> poses;                  ///< of the images, by their stamps
   std::vector<FeaturePoint> points;
   /// Of the images, against their neighbours in time (RelativeSharpness); where it is missing an
   /// image passes for sharp.

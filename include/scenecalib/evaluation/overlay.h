@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "scenecalib/base/options.h"
-#include "scenecalib/geometry/rigid3.h"
 #include "scenecalib/mapping/scene_map.h"
+#include "scenecalib/sensor/image_pose.h"
 #include "scenecalib/sensor/rig.h"
 
 namespace scenecalib {
@@ -30,11 +30,11 @@ struct OverlayOptions {
 
 /// The lidar's map over a camera's image: dots coloured by range (logarithmic, warm is near) with a
 /// legend in metres and `caption` in the corner. A point behind a nearer surface is not drawn.
-/// `image` is CV_8UC1 or CV_8UC3 (BGR) of the camera's size; `map_from_lidar` is the lidar's pose
-/// when it was taken (image stamp + time_offset_s). The result is CV_8UC3 of the same size.
+/// `image` is CV_8UC1 or CV_8UC3 (BGR) of the camera's size; `pose` is where the camera was
+/// meanwhile (ImagePoseOf). The result is CV_8UC3 of the same size.
 /// InvalidArgument for another size or type, or a camera without a model.
 Result<cv::Mat> DrawOverlay(const cv::Mat& image, const CameraConfig& camera,
-                            const std::vector<MapPoint>& points, const Rigid3& map_from_lidar,
+                            const std::vector<MapPoint>& points, const ImagePose& pose,
                             const std::string& caption, const OverlayOptions& options);
 
 /// A map point that a camera sees.
@@ -50,7 +50,6 @@ struct VisiblePoint {
 /// angle does not hide itself.
 std::vector<VisiblePoint> FindVisiblePoints(const CameraModel& camera,
                                             const std::vector<MapPoint>& points,
-                                            const Rigid3& camera_from_map,
-                                            const OverlayOptions& options);
+                                            const ImagePose& pose, const OverlayOptions& options);
 
 }  // namespace scenecalib

@@ -13,10 +13,15 @@
 
 namespace scenecalib {
 
-/// The instant that is rendered.
-struct RenderView {
+/// Where everything is at an instant.
+struct RenderInstant {
   Rigid3 map_from_camera;
   std::vector<Rigid3> map_from_object;  ///< of the tracer's moving objects
+};
+
+/// What is rendered: one instant, or one for every row of a rolling shutter.
+struct RenderView {
+  std::vector<RenderInstant> instants;
   std::uint32_t noise_seed = 0;
   float exposure = 1.0F;  ///< relative to the camera's own, e.g. automatic exposure at work
 };
@@ -27,8 +32,8 @@ struct Sunlight {
   bool shadows = true;
 };
 
-/// Renders one camera with a global shutter: one ray per pixel through the exact camera model, more
-/// where the pixel lies on the edge of an object or a shadow. Const calls are thread-safe.
+/// Renders one camera: one ray per pixel through the exact camera model, more where the pixel lies
+/// on the edge of an object or a shadow. Const calls are thread-safe.
 class CameraRenderer {
  public:
   /// Draws the camera's own exposure, gamma and vignetting. `camera_from_own_vehicle` is where the
@@ -52,9 +57,12 @@ class CameraRenderer {
     return static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) +
            static_cast<std::size_t>(x);
   }
-  void Shade(const Frame& frame, Sample* samples, std::size_t num_samples, bool own_vehicle) const;
-  void RenderTile(int tile, Frame* frame) const;
-  void SmoothTile(int tile, Frame* frame) const;
+  struct Band;
+  std::vector<Band> BandsOf(int tile, const Frame& frame) const;
+  void Shade(const RenderInstant& instant, Sample* samples, std::size_t num_samples,
+             bool own_vehicle) const;
+  void RenderBand(const Band& band, Frame* frame) const;
+  void SmoothBand(const Band& band, Frame* frame) const;
   void DevelopRow(int y, const Frame& frame, cv::Mat* image) const;
   void FindOwnVehicle(const Rigid3& camera_from_own_vehicle);
 

@@ -72,13 +72,21 @@ class Simulator {
   OdometrySample Odometry(int index) const;
   /// CV_8UC3 (BGR) or, with color off, CV_8UC1.
   cv::Mat RenderImage(int camera, int index) const;
-  /// The same view at any exposure time (lidar clock) inside the trajectory; `index` seeds noise.
+  /// The same view at any exposure time (lidar clock; the first row's) inside the trajectory;
+  /// `index` seeds noise.
   cv::Mat RenderImageAt(int camera, Timestamp exposure_ns, int index) const;
 
-  /// What the pixel's ray meets at an exposure time (lidar clock): the truth for tracks and
-  /// surfaces. None for the sky and outside the lens or the trajectory.
+  /// When a row of an image is exposed whose first row is at exposure_ns: the same, unless the
+  /// camera has a rolling shutter.
+  Timestamp RowTime(int camera, Timestamp exposure_ns, double row_px) const;
+
+  /// What the pixel's ray meets in an image with that exposure time (lidar clock): the truth for
+  /// tracks and surfaces. None for the sky and outside the lens or the trajectory.
   std::optional<ScenePoint> TrueScenePoint(int camera, Timestamp exposure_ns,
                                            const Eigen::Vector2d& pixel) const;
+  /// Where that image shows a point of the map if nothing hides it; none outside the image.
+  std::optional<Eigen::Vector2d> TruePixel(int camera, Timestamp exposure_ns,
+                                           const Eigen::Vector3d& point_in_map_m) const;
   /// What a ray (unit direction) meets at a time, the own vehicle left out.
   std::optional<ScenePoint> CastRay(Timestamp stamp_ns, const Eigen::Vector3d& origin_in_map_m,
                                     const Eigen::Vector3d& direction_in_map) const;

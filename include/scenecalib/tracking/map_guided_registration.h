@@ -8,8 +8,8 @@
 
 #include "scenecalib/base/options.h"
 #include "scenecalib/base/timestamp.h"
-#include "scenecalib/geometry/rigid3.h"
 #include "scenecalib/sensor/camera_model.h"
+#include "scenecalib/sensor/image_pose.h"
 #include "scenecalib/tracking/patch_registration.h"
 #include "scenecalib/tracking/track.h"
 
@@ -77,9 +77,9 @@ struct MapGuidedTracks {
 /// pixel -> ray -> plane -> pixel through the camera model, which holds the plane's perspective and
 /// the lens's distortion alike. None when a ray misses the plane or a point leaves the model.
 std::optional<PatchWarp> WarpThroughPlane(const CameraModel& model, const TrackPlane& plane,
-                                          const Rigid3& map_from_reference,
+                                          const ImagePose& reference,
                                           const Eigen::Vector2d& reference_px,
-                                          const Rigid3& map_from_other, int radius_px);
+                                          const ImagePose& other, int radius_px);
 
 /// Registers every observation once more against its track's reference view, now with the warp that
 /// the map, the trajectory and the current calibration predict (Eq. 4, within one camera) and only
@@ -87,12 +87,12 @@ std::optional<PatchWarp> WarpThroughPlane(const CameraModel& model, const TrackP
 /// because the second-order term of the perspective does not average out; this one is not.
 /// Where tracks end too early they are extended to images in which the prediction proves right.
 ///
-/// `planes` is parallel to `tracks`. `map_from_camera` holds the pose at each image's time; images
+/// `planes` is parallel to `tracks`. `poses` are those of the images by their stamps; images
 /// without a pose are left out. The model must carry the current intrinsics (WithTunable). Parallel
 /// over tracks; the result does not depend on the number of threads.
 MapGuidedTracks RegisterThroughMap(const std::vector<Track>& tracks,
                                    const std::vector<TrackPlane>& planes, const CameraModel& model,
-                                   const std::map<Timestamp, Rigid3>& map_from_camera,
+                                   const std::map<Timestamp, ImagePose>& poses,
                                    const std::map<Timestamp, cv::Mat>& images,
                                    const MapGuidedOptions& options);
 
