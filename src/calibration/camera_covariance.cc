@@ -11,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-#include "lens_misfit.h"
+#include "misfits.h"
 #include "problem_assembly.h"
 #include "scenecalib/calibration/calibration_problem.h"
 #include "term_group.h"
@@ -219,12 +219,13 @@ Result<CalibrationUncertainty> CalibrationProblem::EstimateUncertainty() const {
   const std::vector<SurfaceScore> surface_scores = ScoresOfSurfaces(*this, first_columns);
   const SparseMatrix prior_spread = SpreadOfPriors(*this, prior, first_columns);
 
-  const LensEstimate lenses =
-      EstimateLenses(*this, assembled, first_columns, factor, kCommonErrors);
+  const SolvedEquations solved{*this, assembled, first_columns, factor, kCommonErrors};
+  const LensEstimate lenses = EstimateLenses(solved);
   const Eigen::MatrixXd lens_errors = ErrorsByLenses(lenses, lenses_follow);
 
   CalibrationUncertainty result;
   result.lenses = lenses.lenses;
+  result.shutters = EstimateShutters(solved);
   result.stddev.resize(cameras->size());
   for (std::size_t c = 0; c < cameras->size(); ++c) {
     const CameraParameters& camera = (*cameras)[c];

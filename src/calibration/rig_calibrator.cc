@@ -26,6 +26,9 @@ constexpr std::size_t kMaxBundlesPerCamera = 150;
 /// A lens that is off by more than both is told of.
 constexpr double kMisfit_px = 0.5;
 constexpr double kMisfitSigmas = 4.0;
+/// A camera whose rows are exposed over a time that is off by more than both is refused.
+constexpr double kReadOutMisfit_s = 5e-3;
+constexpr double kReadOutMisfitSigmas = 6.0;
 
 /// Tracks that take part in the solve and tracks that only judge it.
 struct SplitTracks {
@@ -167,6 +170,22 @@ std::string DescribeMisfit(const RadialMisfit& lens) {
          "calibration.estimate_distortion";
 }
 
+/// Empty when the rows were exposed when the rig file says. Tracks that fit a global shutter least
+/// count least, so that what is seen of another one is on the low side.
+std::string DescribeMisfit(const ShutterMisfit& shutter, const CameraConfig& initial) {
+  const double read_out_s = std::abs(shutter.line_time_change_s) * initial.model->height_px();
+  if (read_out_s < kReadOutMisfit_s ||
+      std::abs(shutter.line_time_change_s) < kReadOutMisfitSigmas * shutter.stddev_s) {
+    return "";
+  }
+  const double given_s = initial.rolling_shutter_line_time_s.value_or(0.0);
+  return "its images are exposed row by row, about " +
+         Text(1e6 * (given_s + shutter.line_time_change_s), 0) +
+         " us or more from one to the next, and the rig file says " +
+         (given_s == 0.0 ? "nothing of it" : Text(1e6 * given_s, 1) + " us") +
+         ": give the sensor's line time as rolling_shutter_line_time_s";
+}
+
 /// Reasons against the camera; none means that it is accepted.
 std::vector<std::string> Objections(const CameraConfig& initial, const CameraQuality& quality,
                                     const JointCameraEvidence& evidence, const HeldOutRms& held_out,
@@ -275,6 +294,8 @@ class Finisher {
                                  options_.acceptance);
     const auto model = parameters.model->WithTunable(parameters.Intrinsics());
     if (!model.ok()) quality.reasons.push_back(model.status().message());
+    const std::string shutter = DescribeMisfit(joint.shutters[joint_camera], config);
+    if (!shutter.empty()) quality.reasons.push_back(shutter);
     quality.accepted = quality.reasons.empty();
     if (quality.accepted) {
       CameraConfig& refined = calibration_->result.rig.cameras[camera];

@@ -195,15 +195,15 @@ bool TermGroup::EvaluateSlice(const State& state, std::size_t first, std::size_t
   return true;
 }
 
-bool TermGroup::EvaluateLenses(const std::vector<RadialField>& fields,
-                               LensEquations* equations) const {
+template <typename BySource, typename ByTarget>
+bool TermGroup::EvaluateSide(const State& state, const BySource& by_source,
+                             const ByTarget& by_target, SideEquations* equations) const {
   const double loss_square = problem_.loss_scale * problem_.loss_scale;
-  const auto num_lenses = static_cast<Eigen::Index>(fields.size());
-  equations->coupling = Eigen::MatrixXd::Zero(num_columns_, num_lenses);
-  equations->information = Eigen::MatrixXd::Zero(num_lenses, num_lenses);
-  equations->gradient = Eigen::VectorXd::Zero(num_lenses);
-  const State state = StateAt(blocks_.data(), true);
-  std::vector<std::optional<ViewPairSums>> sums(fields.size());
+  const auto num_cameras = static_cast<Eigen::Index>(state.cameras.size());
+  equations->coupling = Eigen::MatrixXd::Zero(num_columns_, num_cameras);
+  equations->information = Eigen::MatrixXd::Zero(num_cameras, num_cameras);
+  equations->gradient = Eigen::VectorXd::Zero(num_cameras);
+  std::vector<std::optional<ViewPairSums>> sums(state.cameras.size());
   for (const Entry& entry : entries_) {
     const int source = views_[entry.source].camera;
     const int target = views_[entry.target].camera;
@@ -217,36 +217,73 @@ bool TermGroup::EvaluateLenses(const std::vector<RadialField>& fields,
     }
     const double square = (entry.whitening * residual_px).squaredNorm() / loss_square;
     const Eigen::Matrix2d weight = entry.whitening * std::sqrt(1.0 / (1.0 + square));
-    // A lens that bends more sends the source pixel's ray elsewhere, and shows the point elsewhere.
-    const Eigen::Vector2d by_source =
-        -jacobians.by_source_pixel *
-        fields[static_cast<std::size_t>(source)].At(rays_[entry.ray].pixel);
-    const Eigen::Vector2d by_target =
-        fields[static_cast<std::size_t>(target)].At(entry.target_pixel + residual_px);
-    const auto add = [&](int lens, const Eigen::Vector2d& derivative) {
-      auto& of_lens = sums[static_cast<std::size_t>(lens)];
-      if (!of_lens) of_lens.emplace(state.columns, num_columns_);
-      of_lens->StartPair(entry.source, entry.target);
-      of_lens->Add(jacobians, derivative, weight);
-      equations->gradient[lens] += (weight * derivative).dot(weight * residual_px);
-      equations->information(lens, lens) += (weight * derivative).squaredNorm();
+    const Eigen::Vector2d of_source = by_source(entry, jacobians);
+    const Eigen::Vector2d of_target = by_target(entry, jacobians, residual_px);
+    const auto add = [&](int camera, const Eigen::Vector2d& derivative) {
+      auto& of_camera = sums[static_cast<std::size_t>(camera)];
+      if (!of_camera) of_camera.emplace(state.columns, num_columns_);
+      of_camera->StartPair(entry.source, entry.target);
+      of_camera->Add(jacobians, derivative, weight);
+      equations->gradient[camera] += (weight * derivative).dot(weight * residual_px);
+      equations->information(camera, camera) += (weight * derivative).squaredNorm();
     };
     if (source == target) {
-      add(source, by_source + by_target);
+      add(source, of_source + of_target);
     } else {
-      add(source, by_source);
-      add(target, by_target);
-      const double both = (weight * by_source).dot(weight * by_target);
+      add(source, of_source);
+      add(target, of_target);
+      const double both = (weight * of_source).dot(weight * of_target);
       equations->information(source, target) += both;
       equations->information(target, source) += both;
     }
   }
-  for (std::size_t lens = 0; lens < sums.size(); ++lens) {
-    if (!sums[lens]) continue;
-    sums[lens]->Finish();
-    equations->coupling.col(static_cast<Eigen::Index>(lens)) = sums[lens]->gradient();
+  for (std::size_t camera = 0; camera < sums.size(); ++camera) {
+    if (!sums[camera]) continue;
+    sums[camera]->Finish();
+    equations->coupling.col(static_cast<Eigen::Index>(camera)) = sums[camera]->gradient();
   }
   return true;
+}
+
+bool TermGroup::EvaluateLenses(const std::vector<RadialField>& fields,
+                               SideEquations* equations) const {
+  const auto field_of = [&](int view) -> const RadialField& {
+    return fields[static_cast<std::size_t>(views_[view].camera)];
+  };
+  // A lens that bends more sends the source pixel's ray elsewhere, and shows the point elsewhere.
+  return EvaluateSide(
+      StateAt(blocks_.data(), true),
+      [&](const Entry& entry, const PoseJacobians& jacobians) -> Eigen::Vector2d {
+        return -jacobians.by_source_pixel * field_of(entry.source).At(rays_[entry.ray].pixel);
+      },
+      [&](const Entry& entry, const PoseJacobians&, const Eigen::Vector2d& residual_px) {
+        return field_of(entry.target).At(entry.target_pixel + residual_px);
+      },
+      equations);
+}
+
+bool TermGroup::EvaluateShutters(SideEquations* equations) const {
+  const State state = StateAt(blocks_.data(), true);
+  // Turn and shift of each view's camera in a second.
+  std::vector<Vector6d> rates;
+  for (const ViewColumns& view : state.columns) {
+    rates.push_back(view.motion.rightCols<6>() * view.twist_in_lidar);
+  }
+  const auto rows_from_middle = [&](int view, const Eigen::Vector2d& pixel) {
+    return pixel.y() - 0.5 * (state.cameras[views_[view].camera].model->height_px() - 1);
+  };
+  return EvaluateSide(
+      state,
+      [&](const Entry& entry, const PoseJacobians& jacobians) -> Eigen::Vector2d {
+        return rows_from_middle(entry.source, rays_[entry.ray].pixel) *
+               (jacobians.source.leftCols<6>() * rates[entry.source]);
+      },
+      [&](const Entry& entry, const PoseJacobians& jacobians,
+          const Eigen::Vector2d&) -> Eigen::Vector2d {
+        return rows_from_middle(entry.target, entry.target_pixel) *
+               (jacobians.target.leftCols<6>() * rates[entry.target]);
+      },
+      equations);
 }
 
 bool TermGroup::Evaluate(double const* const* values, bool with_derivatives,

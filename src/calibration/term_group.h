@@ -19,10 +19,9 @@ struct GroupEquations {
   double cost = 0.0;
 };
 
-/// What the terms say about parameters beside the group's own, of which every camera has one (the
-/// radial coefficient of its lens): with R the residuals' derivatives by them, J^T W R, R^T W R and
-/// R^T W r.
-struct LensEquations {
+/// What the terms say about parameters beside the group's own, of which every camera has one: with
+/// R the residuals' derivatives by them, J^T W R, R^T W R and R^T W r.
+struct SideEquations {
   Eigen::MatrixXd coupling;
   Eigen::MatrixXd information;
   Eigen::VectorXd gradient;
@@ -48,8 +47,11 @@ class TermGroup {
   bool Evaluate(double const* const* values, bool with_derivatives,
                 GroupEquations* equations) const;
 
-  /// At the present values; `fields` are those of all cameras. False as for Evaluate.
-  bool EvaluateLenses(const std::vector<RadialField>& fields, LensEquations* equations) const;
+  /// By the radial coefficients of the lenses, at the present values; `fields` are those of all
+  /// cameras. False as for Evaluate.
+  bool EvaluateLenses(const std::vector<RadialField>& fields, SideEquations* equations) const;
+  /// By the times between the cameras' rows, about the middle one.
+  bool EvaluateShutters(SideEquations* equations) const;
 
  private:
   /// What a term's evaluation reads, packed in the order in which it is read.
@@ -70,6 +72,11 @@ class TermGroup {
   State StateAt(double const* const* values, bool with_derivatives) const;
   bool EvaluateSlice(const State& state, std::size_t first, std::size_t last, bool with_derivatives,
                      GroupEquations* equations) const;
+  /// `by_source(entry, jacobians)` is the residual's derivative by the source camera's parameter,
+  /// `by_target(entry, jacobians, residual_px)` by the target camera's.
+  template <typename BySource, typename ByTarget>
+  bool EvaluateSide(const State& state, const BySource& by_source, const ByTarget& by_target,
+                    SideEquations* equations) const;
 
   const CalibrationProblem& problem_;
   std::vector<TermView> views_;

@@ -159,6 +159,45 @@ TEST(RigCalibrator, ALensThatDoesNotFitIsToldOfAndWidensTheDeviations) {
   }
 }
 
+TEST(RigCalibrator, ARollingShutterThatTheRigFileGivesIsAsGoodAsAGlobalOne) {
+  std::vector<CameraConfig> cameras = TwoCameras();
+  for (CameraConfig& camera : cameras) camera.rolling_shutter_line_time_s = 3e-5;
+  const CanyonScene scene = MakeCanyonScene(cameras, {});
+  const auto calibration = CalibrateRig(Perturb(scene.rig, 0.5 / kDegPerRad, 0.05, 8), scene.map,
+                                        scene.segments, HeldIntrinsics(), {});
+  ASSERT_TRUE(calibration.ok()) << calibration.status().message();
+  for (std::size_t c = 0; c < cameras.size(); ++c) {
+    EXPECT_TRUE(calibration->result.cameras[c].accepted);
+    const PoseError error = ErrorOf(scene.rig.cameras[c], calibration->result.rig.cameras[c]);
+    EXPECT_LT(error.rotation_deg, 0.03);
+    EXPECT_LT(error.translation_m, 0.015);
+  }
+}
+
+TEST(RigCalibrator, ARollingShutterThatNobodyMentionedIsRefusedAndMeasured) {
+  std::vector<CameraConfig> cameras = TwoCameras();
+  cameras[1].rolling_shutter_line_time_s = 3e-5;
+  const CanyonScene scene = MakeCanyonScene(cameras, {});
+  Rig initial = Perturb(scene.rig, 0.5 / kDegPerRad, 0.05, 8);
+  initial.cameras[1].rolling_shutter_line_time_s.reset();
+  const auto calibration = CalibrateRig(initial, scene.map, scene.segments, HeldIntrinsics(), {});
+  ASSERT_TRUE(calibration.ok()) << calibration.status().message();
+  const CameraQuality& global = calibration->result.cameras[0];
+  EXPECT_TRUE(global.accepted) << (global.reasons.empty() ? "" : global.reasons[0]);
+  const CameraQuality& rolling = calibration->result.cameras[1];
+  EXPECT_FALSE(rolling.accepted);
+  const auto reason = std::find_if(
+      rolling.reasons.begin(), rolling.reasons.end(),
+      [](const std::string& text) { return text.find("row by row") != std::string::npos; });
+  ASSERT_NE(reason, rolling.reasons.end());
+  const std::string before = "row by row, about ";
+  const double told_us = std::stod(reason->substr(reason->find(before) + before.size()));
+  // Enough to know what to look for in the sensor's data sheet.
+  EXPECT_GT(told_us, 18.0) << *reason;
+  EXPECT_LT(told_us, 33.0) << *reason;
+  EXPECT_NE(reason->find("rolling_shutter_line_time_s"), std::string::npos) << *reason;
+}
+
 TEST(RigCalibrator, RecoversTimeOffsetsWhenAskedTo) {
   constexpr double kOffset_s = 0.01;  // camera stamp + offset = lidar clock
   CanyonScene scene = MakeCanyonScene(TwoCameras(), {});

@@ -166,6 +166,37 @@ TEST_F(TermGroupTest, ATermThatCannotBeEvaluatedIsNoZeroResidual) {
   EXPECT_TRUE(failed);
 }
 
+TEST_F(TermGroupTest, GradientByTheLineTimeIsThatOfTheCost) {
+  constexpr double kChange_s = 1e-7;
+  // The cost when the rows of one camera are so much later than the row above.
+  const auto costs = [this](int camera, double change_s) {
+    CalibrationProblem changed = problem_;
+    const auto delay = [&](TransferView* view) {
+      const double rows = view->pixel.y() - 0.5 * (model_->height_px() - 1);
+      view->map_from_lidar =
+          ApplyCorrection(view->map_from_lidar, change_s * rows * view->twist_in_lidar);
+    };
+    for (TransferTerm& term : changed.terms) {
+      if (term.source_camera == camera) delay(&term.source);
+      if (term.target_camera == camera) delay(&term.target);
+    }
+    std::vector<double> result;
+    for (const auto& group : GroupTerms(changed)) result.push_back(CostOf(*group));
+    return result;
+  };
+  const auto groups = GroupTerms(problem_);
+  for (int camera = 0; camera < 2; ++camera) {
+    const std::vector<double> more = costs(camera, kChange_s);
+    const std::vector<double> less = costs(camera, -kChange_s);
+    for (std::size_t g = 0; g < groups.size(); ++g) {
+      SideEquations equations;
+      ASSERT_TRUE(groups[g]->EvaluateShutters(&equations));
+      const double expected = 0.5 * (more[g] - less[g]) / (2.0 * kChange_s);
+      EXPECT_NEAR(equations.gradient[camera], expected, 1e-4 * std::max(1.0, std::abs(expected)));
+    }
+  }
+}
+
 /// As TermGroupTest, with the lenses' radial coefficients changed.
 class LensesOfATermGroup : public TermGroupTest {
  protected:
@@ -184,7 +215,7 @@ class LensesOfATermGroup : public TermGroupTest {
 TEST_F(LensesOfATermGroup, GradientIsThatOfTheCost) {
   constexpr double kChange = 1e-5;
   for (const auto& group : GroupTerms(problem_)) {
-    LensEquations equations;
+    SideEquations equations;
     ASSERT_TRUE(group->EvaluateLenses(Fields(), &equations));
     for (int camera = 0; camera < 2; ++camera) {
       Bend(camera, kChange);
@@ -211,13 +242,13 @@ TEST_F(LensesOfATermGroup, EquationsAreTheDerivativesWhereTheResidualsVanish) {
         See(cameras_[term.target_camera], term.target.map_from_lidar.translation, point);
   }
   for (const auto& group : GroupTerms(problem_)) {
-    LensEquations equations;
+    SideEquations equations;
     ASSERT_TRUE(group->EvaluateLenses(Fields(), &equations));
     EXPECT_NEAR(equations.gradient.norm(), 0.0, 1e-6 * equations.information.norm());
     for (int camera = 0; camera < 2; ++camera) {
       Bend(camera, kChange);
       GroupEquations more;
-      LensEquations of_lenses;
+      SideEquations of_lenses;
       ASSERT_TRUE(group->Evaluate(group->blocks().data(), true, &more));
       ASSERT_TRUE(group->EvaluateLenses(Fields(), &of_lenses));
       Bend(camera, 0.0);

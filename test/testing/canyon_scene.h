@@ -138,22 +138,28 @@ inline Track MakeCanyonTrack(const CameraConfig& camera, const CanyonOptions& op
   const CameraModel& model = *camera.model;
   const int num_images = static_cast<int>((options.duration_s - 0.1) / 0.1);
   const int middle = static_cast<int>(random->Index(num_images));
-  const auto map_from_camera_at = [&](int image) {
-    return CanyonPose(options, 0.1 * image + phase_s) * camera.lidar_from_camera;
+  const double line_time_s = camera.rolling_shutter_line_time_s.value_or(0.0);
+  const auto map_from_camera_at = [&](int image, double row_px) {
+    return CanyonPose(options, 0.1 * image + phase_s + line_time_s * row_px) *
+           camera.lidar_from_camera;
   };
   const Eigen::Vector2d pixel(random->Uniform(5.0, model.width_px() - 6.0),
                               random->Uniform(5.0, model.height_px() - 6.0));
   Track track;
   const auto ray = model.Unproject(pixel);
-  const Rigid3 map_from_camera = map_from_camera_at(middle);
+  const Rigid3 map_from_camera = map_from_camera_at(middle, pixel.y());
   Eigen::Vector3d point;
   if (!ray || ray->z() < -0.3 ||
       !MeetCanyon(map_from_camera.translation, map_from_camera.rotation * *ray, &point)) {
     return track;
   }
   for (int image = std::max(0, middle - 8); image < std::min(num_images, middle + 9); ++image) {
-    const Rigid3 pose = map_from_camera_at(image);
-    const auto seen = model.Project(pose.Inverse() * point);
+    Rigid3 pose = map_from_camera_at(image, pixel.y());
+    auto seen = model.Project(pose.Inverse() * point);
+    for (int step = 0; step < 6 && seen && line_time_s != 0.0; ++step) {
+      pose = map_from_camera_at(image, seen->y());
+      seen = model.Project(pose.Inverse() * point);
+    }
     Eigen::Vector3d met;
     if (!seen || !MeetCanyon(pose.translation, (point - pose.translation).normalized(), &met) ||
         (met - point).norm() > 0.01) {
