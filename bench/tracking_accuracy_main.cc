@@ -16,6 +16,7 @@
 
 #include "scenecalib/base/random.h"
 #include "scenecalib/io/options_yaml.h"
+#include "scenecalib/io/rig_yaml.h"
 #include "scenecalib/sensor/camera_factory.h"
 #include "scenecalib/simulation/simulator.h"
 #include "scenecalib/simulation/world.h"
@@ -27,6 +28,7 @@ namespace {
 struct Arguments {
   SimulationOptions simulation;
   std::vector<std::string> cameras = {"narrow", "front", "left", "fisheye"};
+  std::string rig;
   std::string cache_directory;
   std::string config;
   double night_stops = 0.0;
@@ -197,7 +199,7 @@ Status Run(const Arguments& arguments) {
   if (!arguments.config.empty()) {
     SCENECALIB_RETURN_IF_ERROR(ReadOptionsYaml(arguments.config, &options));
   }
-  const Result<Rig> rig = RigWithNarrowCamera();
+  const Result<Rig> rig = arguments.rig.empty() ? RigWithNarrowCamera() : ReadRig(arguments.rig);
   if (!rig.ok()) return rig.status();
   const Result<Simulator> simulator = Simulator::Create(*rig, arguments.simulation);
   if (!simulator.ok()) return simulator.status();
@@ -236,6 +238,7 @@ int main(int argc, char** argv) {
   simulation.duration_s = 4.0;
   simulation.camera.color = false;
   app.add_option("--camera", arguments.cameras, "narrow, front, left, fisheye");
+  app.add_option("--rig", arguments.rig, "rig file, instead of the built-in cameras");
   app.add_option("--world", simulation.world.kind, scenecalib::KnownWorldKinds());
   app.add_option("--drive", simulation.drive.kind, "turns, gentle or straight");
   app.add_option("--seed", simulation.seed, "of the world and drive");

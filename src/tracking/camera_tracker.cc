@@ -105,6 +105,7 @@ struct CameraTracker::Impl {
   Status Check(const GrayImage& image) const;
   void Keep(const GrayImage& kept, const cv::Mat& colour_pixels);
   void ForgetOldest();
+  bool LooksAlike(Timestamp earlier_ns) const;
   void ForgetStill();
   void Register(const std::vector<LiveTrack>& followed, const cv::Mat& seen,
                 const ImageQuality& quality, CameraSegment* segment) const;
@@ -159,6 +160,15 @@ void CameraTracker::Impl::ForgetOldest() {
   ++num_images_dropped;
 }
 
+/// Whether the newest image shows what an earlier one did. Features alone do not tell: at speed the
+/// own vehicle may hold all that can be followed.
+bool CameraTracker::Impl::LooksAlike(Timestamp earlier_ns) const {
+  constexpr double kMaxChangedShare = 0.3;  // others may pass
+  const cv::Mat& earlier = grey.images().at(earlier_ns);
+  const double noise_levels = MeasureImageQuality(earlier, cv::Mat()).noise_levels;
+  return ChangedShare(earlier, grey.images().rbegin()->second, noise_levels) < kMaxChangedShare;
+}
+
 /// Forgets the image before the newest one when between the last that is kept and the newest one
 /// nothing moved: a standstill does not push the drive out of the buffer.
 void CameraTracker::Impl::ForgetStill() {
@@ -170,7 +180,7 @@ void CameraTracker::Impl::ForgetStill() {
   const Timestamp previous_ns = std::next(images.rbegin())->first;
   if (previous_ns <= moved_stamp_ns) return;
   const auto motion_px = live->TypicalMotionPx(moved_stamp_ns);
-  if (!motion_px || *motion_px >= options.buffer.min_motion_px) {
+  if (!motion_px || *motion_px >= options.buffer.min_motion_px || !LooksAlike(previous_ns)) {
     moved_stamp_ns = previous_ns;
     return;
   }

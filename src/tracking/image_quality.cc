@@ -16,7 +16,60 @@ constexpr double kMedianOfNormal = 0.6745;
 /// Norm of the mask [1 -2 1; -2 4 -2; 1 -2 1].
 constexpr double kMixedDifferenceNorm = 6.0;
 
+constexpr int kTilePx = 16;
+constexpr int kTilesAcross = 40;
+constexpr int kMinTexturedTiles = 12;
+
+/// Mean squares over a tile.
+struct TileEnergy {
+  double gradient = 0.0;  ///< of the image, grey levels / px
+  double change = 0.0;    ///< to the next image, less the tile's mean change
+};
+
+TileEnergy EnergyOf(const cv::Mat& image, const cv::Mat& next, int left, int top) {
+  TileEnergy energy;
+  double change_sum = 0.0;
+  for (int y = top; y < top + kTilePx; ++y) {
+    const uchar* above = image.ptr<uchar>(y - 1);
+    const uchar* row = image.ptr<uchar>(y);
+    const uchar* below = image.ptr<uchar>(y + 1);
+    const uchar* later = next.ptr<uchar>(y);
+    for (int x = left; x < left + kTilePx; ++x) {
+      const double right = 0.5 * (row[x + 1] - row[x - 1]);
+      const double down = 0.5 * (below[x] - above[x]);
+      const double change = later[x] - row[x];
+      energy.gradient += right * right + down * down;
+      energy.change += change * change;
+      change_sum += change;
+    }
+  }
+  constexpr double kArea = kTilePx * kTilePx;
+  energy.gradient /= kArea;
+  energy.change = energy.change / kArea - std::pow(change_sum / kArea, 2);
+  return energy;
+}
+
 }  // namespace
+
+double ChangedShare(const cv::Mat& image, const cv::Mat& next, double noise_levels) {
+  // Of two images' noise, with a margin, and of half a pixel's shift.
+  const double noise = 4.5 * noise_levels * noise_levels + 1.0;
+  constexpr double kShift = 0.25;
+  const int step = std::max(kTilePx, image.cols / kTilesAcross);
+  int num_textured = 0;
+  int num_changed = 0;
+  for (int top = 1; top + kTilePx < image.rows; top += step) {
+    for (int left = 1; left + kTilePx < image.cols; left += step) {
+      const TileEnergy energy = EnergyOf(image, next, left, top);
+      // Enough for something else to differ by more than the noise.
+      if (energy.gradient < 2.0 * noise) continue;
+      ++num_textured;
+      if (energy.change > noise + kShift * energy.gradient) ++num_changed;
+    }
+  }
+  if (num_textured < kMinTexturedTiles) return 0.0;
+  return static_cast<double>(num_changed) / num_textured;
+}
 
 ImageQuality MeasureImageQuality(const cv::Mat& image, const cv::Mat& mask) {
   ImageQuality quality;

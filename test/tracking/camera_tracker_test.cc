@@ -386,6 +386,25 @@ TEST(CameraTracker, AStandDoesNotPushTheDriveOutOfTheBuffer) {
   EXPECT_EQ(all.num_images_dropped_at_bound, kNumStill - 1);
 }
 
+TEST(CameraTracker, ABonnetBeforeAScreenfulThatCannotBeFollowedIsNoStand) {
+  // Nothing above the bonnet is ever seen twice; on the bonnet everything is followed.
+  CameraTracker tracker("cam", Pinhole(), SmallOptions());
+  const int bonnet_row = Pinhole()->height_px() * 3 / 5;
+  for (int i = 0; i < kNumImages; ++i) {
+    cv::Mat image = StreetImages(Pinhole())[0].clone();
+    const Texture passing(100 + static_cast<std::uint64_t>(i), 3.0, 12.0);
+    for (int y = 0; y < bonnet_row; ++y) {
+      for (int x = 0; x < image.cols; ++x) {
+        image.at<uchar>(y, x) = testing::ToGrey(passing(x, y));
+      }
+    }
+    ASSERT_TRUE(tracker.AddImage({Stamp(i), image}).ok());
+  }
+  const CameraSegment segment = tracker.Segment();
+  EXPECT_EQ(segment.num_images_still, 0);
+  EXPECT_EQ(segment.images.size(), static_cast<std::size_t>(kNumImages));
+}
+
 TEST(CameraTracker, FindsFeaturesAgainThatWereHiddenDuringAStand) {
   constexpr int kNumStill = 20;
   const cv::Rect hidden(230, 100, 120, 100);

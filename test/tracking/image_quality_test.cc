@@ -31,6 +31,29 @@ TEST(ImageQuality, EdgesAreNotNoise) {
   EXPECT_LT(MeasureImageQuality(image, cv::Mat()).noise_levels, 0.01);
 }
 
+TEST(ChangedShare, IsOfTheTilesThatShowSomethingElse) {
+  const Texture texture(3, 8.0, 30.0);
+  const auto shifted = [&](double by_px, double noise, std::uint64_t seed) {
+    return Render(
+        400, 300, [&](double x, double y) { return texture(x + by_px, y); }, noise, seed);
+  };
+  const cv::Mat image = shifted(0.0, 2.0, 1);
+  EXPECT_LT(ChangedShare(image, shifted(0.0, 2.0, 2), 2.0), 0.02) << "noise";
+  EXPECT_LT(ChangedShare(image, shifted(0.1, 2.0, 2), 2.0), 0.02);
+  EXPECT_GT(ChangedShare(image, shifted(1.5, 2.0, 2), 2.0), 0.95);
+  cv::Mat brighter;
+  image.convertTo(brighter, -1, 1.0, 15.0);
+  EXPECT_LT(ChangedShare(image, brighter, 2.0), 0.02);
+  cv::Mat half = image.clone();
+  shifted(9.0, 2.0, 2).colRange(0, 200).copyTo(half.colRange(0, 200));
+  EXPECT_NEAR(ChangedShare(image, half, 2.0), 0.5, 0.05);
+  const cv::Mat sky = Render(
+      400, 300, [](double, double) { return 200.0; }, 2.0, 3);
+  const cv::Mat sky_later = Render(
+      400, 300, [](double, double) { return 190.0; }, 2.0, 4);
+  EXPECT_EQ(ChangedShare(sky, sky_later, 2.0), 0.0);
+}
+
 TEST(ImageQuality, MeanAndContrastAreTheMaskedPixels) {
   cv::Mat image(300, 400, CV_8UC1, cv::Scalar(0));
   image.colRange(200, 400).setTo(100);

@@ -21,6 +21,12 @@ struct ImageQuality {
 /// grid.
 ImageQuality MeasureImageQuality(const cv::Mat& image, const cv::Mat& mask);
 
+/// Share of an image's textured tiles in which the next image (same size) shows something else:
+/// more than noise of `noise_levels`, a change of brightness or a shift of half a pixel makes. 0
+/// where hardly anything is textured. Looks at about a thousand tiles, whatever the size of the
+/// image.
+double ChangedShare(const cv::Mat& image, const cv::Mat& next, double noise_levels);
+
 /// Every image's sharpness as a share of the median of its neighbours' in time (four on either
 /// side) and its own: what they show hardly differs, so well below 1 it is blurred by the
 /// vehicle's or the camera's shaking. 1 where nothing can be said.
