@@ -32,6 +32,8 @@ struct Arguments {
   bool true_intrinsics = false;
   bool alone = false;
   double time_offset_ms = 0.0;
+  bool silent_shutters = false;
+  bool hold_time_offset = false;
 };
 
 /// The error of the initial time offset: the same for all cameras but of changing sign.
@@ -181,8 +183,11 @@ Status Run(const DriveSpec& spec, const Arguments& arguments) {
       initial->cameras[c].model = drive->rig().cameras[c].model;
     }
   }
+  if (arguments.silent_shutters) {
+    for (CameraConfig& camera : initial->cameras) camera.rolling_shutter_line_time_s.reset();
+  }
   if (arguments.time_offset_ms != 0.0) {
-    options.calibration.estimate_time_offset = true;
+    options.calibration.estimate_time_offset = !arguments.hold_time_offset;
     for (std::size_t c = 0; c < initial->cameras.size(); ++c) {
       initial->cameras[c].time_offset_s += TimeOffsetError_s(c, arguments);
     }
@@ -225,6 +230,9 @@ int main(int argc, char** argv) {
   app.add_flag("--alone", arguments.alone, "also calibrate every camera alone, for comparison");
   app.add_option("--time-offset-ms", arguments.time_offset_ms,
                  "the initial time offsets are off by so much, plus and minus in turn; estimated");
+  app.add_flag("--hold-time-offset", arguments.hold_time_offset, "and held, instead of estimated");
+  app.add_flag("--silent-shutters", arguments.silent_shutters,
+               "the initial rig says nothing of the rig's rolling shutters");
   CLI11_PARSE(app, argc, argv);
   scenecalib::SetLogSink([](scenecalib::LogSeverity, const std::string& message) {
     std::fprintf(stderr, "%s\n", message.c_str());

@@ -184,19 +184,6 @@ CameraStddev StddevOf(std::initializer_list<CameraMatrix> covariances) {
   return stddev;
 }
 
-/// Errors of the parameters by those of the lenses, of which `response` tells how the parameters
-/// follow them: lenses that follow the data are as uncertain as it is, the others are off by what
-/// the data says beyond chance.
-Eigen::MatrixXd ErrorsByLenses(const LensEstimate& lenses, bool lenses_follow) {
-  if (lenses_follow) return lenses.covariance;
-  Eigen::VectorXd excess(static_cast<Eigen::Index>(lenses.lenses.size()));
-  for (Eigen::Index i = 0; i < excess.size(); ++i) {
-    const RadialMisfit& lens = lenses.lenses[static_cast<std::size_t>(i)];
-    excess[i] = std::max(0.0, lens.change * lens.change - lens.stddev * lens.stddev);
-  }
-  return excess.asDiagonal();
-}
-
 }  // namespace
 
 Result<CalibrationUncertainty> CalibrationProblem::EstimateUncertainty() const {
@@ -220,12 +207,10 @@ Result<CalibrationUncertainty> CalibrationProblem::EstimateUncertainty() const {
   const SparseMatrix prior_spread = SpreadOfPriors(*this, prior, first_columns);
 
   const SolvedEquations solved{*this, assembled, first_columns, factor, kCommonErrors};
-  const LensEstimate lenses = EstimateLenses(solved);
-  const Eigen::MatrixXd lens_errors = ErrorsByLenses(lenses, lenses_follow);
+  MisfitEstimate misfits = EstimateMisfits(solved);
+  const Eigen::MatrixXd misfit_errors = misfits.Errors(lenses_follow);
 
   CalibrationUncertainty result;
-  result.lenses = lenses.lenses;
-  result.shutters = EstimateShutters(solved);
   result.stddev.resize(cameras->size());
   for (std::size_t c = 0; c < cameras->size(); ++c) {
     const CameraParameters& camera = (*cameras)[c];
@@ -246,16 +231,18 @@ Result<CalibrationUncertainty> CalibrationProblem::EstimateUncertainty() const {
     const Eigen::MatrixXd spread = pick.transpose() * influence;
     const Eigen::MatrixXd prior_share = prior_spread * inverse;
     const CameraMatrix of_prior = prior_share.transpose() * prior_share;
-    const Eigen::MatrixXd by_lenses = pick.transpose() * lenses.response;
-    const CameraMatrix of_others = of_prior + by_lenses * lens_errors * by_lenses.transpose();
-    const CameraMatrix formal = kCommonErrors * pick.transpose() * inverse +
-                                by_lenses * lens_errors * by_lenses.transpose();
+    const Eigen::MatrixXd by_misfits = pick.transpose() * misfits.response;
+    const CameraMatrix of_held = by_misfits * misfit_errors * by_misfits.transpose();
+    const CameraMatrix of_others = of_prior + of_held;
+    const CameraMatrix formal = kCommonErrors * pick.transpose() * inverse + of_held;
     const CameraMatrix over_seconds =
         kCommonErrors * FewClusters(spread.cols()) * spread * spread.transpose() + of_others;
     const CameraMatrix over_surfaces =
         kCommonErrors * SpreadOverSurfaces(surface_scores, inverse) + of_others;
     result.stddev[c] = StddevOf({formal, over_seconds, over_surfaces});
   }
+  result.lenses = std::move(misfits.lenses);
+  result.clocks = std::move(misfits.clocks);
   return result;
 }
 

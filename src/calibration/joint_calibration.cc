@@ -230,7 +230,7 @@ Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& camera
       if (!uncertainty.ok()) return uncertainty.status();
       joint.stddev = std::move(uncertainty->stddev);
       joint.lenses = std::move(uncertainty->lenses);
-      joint.shutters = std::move(uncertainty->shutters);
+      joint.clocks = std::move(uncertainty->clocks);
       if (!options.hold_intrinsics) JudgeIntrinsics(problem, &joint);
     }
     if (options.estimate_distortion && round > 0 && !is_last) {

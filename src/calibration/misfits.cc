@@ -12,30 +12,49 @@ namespace {
 
 /// Prior of a lens: a change worth this share of the image's width at its border.
 constexpr double kPriorShare = 0.01;
-/// Prior of a shutter's line time: that of a slow sensor.
+/// Priors of what a rig file may not say: the line time of a slow sensor, a clock that nobody set.
 constexpr double kPriorLineTime_s = 1e-4;
+constexpr double kPriorTimeOffset_s = 0.05;
+constexpr double kHeldTimeOffset_s = 1e-9;
 
-/// A parameter of every camera beside those of the problem, and how the others follow it.
-struct SideEstimate {
-  Eigen::VectorXd change;
-  Eigen::MatrixXd covariance;
-  Eigen::MatrixXd response;  ///< of the problem's parameters
-};
+constexpr Eigen::Index kLens = 0;
+constexpr Eigen::Index kLineTime = 1;
+constexpr Eigen::Index kTimeOffset = 2;
+constexpr Eigen::Index kNumMisfits = TermGroup::kNumMisfits;
 
-/// `evaluate(group, equations)` tells what a group's terms say; `prior_information` has a value for
-/// each camera.
-template <typename EvaluateGroup>
-SideEstimate Estimate(const SolvedEquations& solved, const Eigen::VectorXd& prior_information,
-                      const EvaluateGroup& evaluate) {
+/// The misfits' information by their priors.
+Eigen::VectorXd PriorInformation(const CalibrationProblem& problem,
+                                 const std::vector<RadialField>& fields) {
+  Eigen::VectorXd information(kNumMisfits * static_cast<Eigen::Index>(fields.size()));
+  for (std::size_t c = 0; c < fields.size(); ++c) {
+    // A lens that cannot change is held by any prior.
+    const double lens_px = kPriorShare * (*problem.cameras)[c].model->width_px();
+    const double by_change = std::max(1.0, fields[c].largest_px());
+    const auto first = kNumMisfits * static_cast<Eigen::Index>(c);
+    information[first + kLens] = std::pow(by_change / lens_px, 2);
+    information[first + kLineTime] = std::pow(kPriorLineTime_s, -2);
+    information[first + kTimeOffset] =
+        std::pow(problem.free.time_offset ? kHeldTimeOffset_s : kPriorTimeOffset_s, -2);
+  }
+  return information;
+}
+
+}  // namespace
+
+MisfitEstimate EstimateMisfits(const SolvedEquations& solved) {
+  std::vector<RadialField> fields;
+  for (const CameraParameters& camera : *solved.problem.cameras) {
+    fields.emplace_back(*camera.model, camera.Intrinsics());
+  }
   const auto& groups = solved.assembled.groups;
-  std::vector<SideEquations> equations(groups.size());
+  std::vector<MisfitEquations> equations(groups.size());
   std::vector<char> is_valid(groups.size(), 0);
   tbb::parallel_for(std::size_t{0}, groups.size(), [&](std::size_t g) {
-    is_valid[g] = evaluate(*groups[g], &equations[g]) ? 1 : 0;
+    is_valid[g] = groups[g]->EvaluateMisfits(fields, &equations[g]) ? 1 : 0;
   });
-  const Eigen::Index size = prior_information.size();
+  Eigen::MatrixXd information = PriorInformation(solved.problem, fields).asDiagonal();
+  const Eigen::Index size = information.rows();
   Eigen::MatrixXd coupling = Eigen::MatrixXd::Zero(solved.factor.rows(), size);
-  Eigen::MatrixXd information = prior_information.asDiagonal();
   Eigen::VectorXd gradient = Eigen::VectorXd::Zero(size);
   for (std::size_t g = 0; g < equations.size(); ++g) {
     if (is_valid[g] == 0) continue;
@@ -49,60 +68,49 @@ SideEstimate Estimate(const SolvedEquations& solved, const Eigen::VectorXd& prio
       row += block_size;
     }
   }
-  SideEstimate estimate;
+  MisfitEstimate estimate;
   estimate.response = -solved.factor.solve(coupling);
   const Eigen::LDLT<Eigen::MatrixXd> reduced(information +
                                              coupling.transpose() * estimate.response);
   estimate.covariance = solved.common_errors * reduced.solve(Eigen::MatrixXd::Identity(size, size));
-  estimate.change = -reduced.solve(gradient);
+  const Eigen::VectorXd change = -reduced.solve(gradient);
+  const Eigen::VectorXd stddev = estimate.covariance.diagonal().cwiseMax(0.0).cwiseSqrt();
+  for (std::size_t c = 0; c < fields.size(); ++c) {
+    const auto first = kNumMisfits * static_cast<Eigen::Index>(c);
+    const double lens = change[first + kLens];
+    estimate.lenses.push_back(
+        {lens, stddev[first + kLens], std::abs(lens) * fields[c].largest_px()});
+    estimate.clocks.push_back({change[first + kLineTime], stddev[first + kLineTime],
+                               change[first + kTimeOffset], stddev[first + kTimeOffset]});
+  }
   return estimate;
 }
 
-double StddevOf(const SideEstimate& estimate, Eigen::Index i) {
-  return std::sqrt(std::max(0.0, estimate.covariance(i, i)));
-}
-
-}  // namespace
-
-LensEstimate EstimateLenses(const SolvedEquations& solved) {
-  const std::vector<CameraParameters>& cameras = *solved.problem.cameras;
-  std::vector<RadialField> fields;
-  Eigen::VectorXd prior_information(static_cast<Eigen::Index>(cameras.size()));
-  for (const CameraParameters& camera : cameras) {
-    const auto lens = static_cast<Eigen::Index>(fields.size());
-    fields.emplace_back(*camera.model, camera.Intrinsics());
-    // A lens that cannot change is held by any prior.
-    const double by_change = std::max(1.0, fields.back().largest_px());
-    prior_information[lens] = std::pow(by_change / (kPriorShare * camera.model->width_px()), 2);
+Eigen::MatrixXd MisfitEstimate::Errors(bool lenses_follow) const {
+  Eigen::MatrixXd errors = Eigen::MatrixXd::Zero(covariance.rows(), covariance.cols());
+  const auto excess = [](double change, double stddev) {
+    return std::max(0.0, change * change - stddev * stddev);
+  };
+  const auto num_cameras = static_cast<Eigen::Index>(lenses.size());
+  for (Eigen::Index i = 0; i < num_cameras; ++i) {
+    const RadialMisfit& lens = lenses[static_cast<std::size_t>(i)];
+    const ClockMisfit& clock = clocks[static_cast<std::size_t>(i)];
+    const Eigen::Index at = kNumMisfits * i;
+    errors(at + kLens, at + kLens) = excess(lens.change, lens.stddev);
+    errors(at + kLineTime, at + kLineTime) =
+        excess(clock.line_time_change_s, clock.line_time_stddev_s);
+    errors(at + kTimeOffset, at + kTimeOffset) =
+        excess(clock.time_offset_change_s, clock.time_offset_stddev_s);
   }
-  SideEstimate estimate = Estimate(solved, prior_information,
-                                   [&fields](const TermGroup& group, SideEquations* equations) {
-                                     return group.EvaluateLenses(fields, equations);
-                                   });
-  LensEstimate result;
-  for (std::size_t c = 0; c < fields.size(); ++c) {
-    const auto lens = static_cast<Eigen::Index>(c);
-    const double change = estimate.change[lens];
-    result.lenses.push_back(
-        {change, StddevOf(estimate, lens), std::abs(change) * fields[c].largest_px()});
+  if (!lenses_follow) return errors;
+  for (Eigen::Index i = 0; i < num_cameras; ++i) {
+    for (Eigen::Index j = 0; j < num_cameras; ++j) {
+      const Eigen::Index row = kNumMisfits * i + kLens;
+      const Eigen::Index column = kNumMisfits * j + kLens;
+      errors(row, column) = covariance(row, column);
+    }
   }
-  result.covariance = std::move(estimate.covariance);
-  result.response = std::move(estimate.response);
-  return result;
-}
-
-std::vector<ShutterMisfit> EstimateShutters(const SolvedEquations& solved) {
-  const auto num_cameras = static_cast<Eigen::Index>(solved.problem.cameras->size());
-  const SideEstimate estimate =
-      Estimate(solved, Eigen::VectorXd::Constant(num_cameras, std::pow(kPriorLineTime_s, -2)),
-               [](const TermGroup& group, SideEquations* equations) {
-                 return group.EvaluateShutters(equations);
-               });
-  std::vector<ShutterMisfit> shutters;
-  for (Eigen::Index c = 0; c < num_cameras; ++c) {
-    shutters.push_back({estimate.change[c], StddevOf(estimate, c)});
-  }
-  return shutters;
+  return errors;
 }
 
 }  // namespace scenecalib

@@ -8,8 +8,8 @@
 
 #include "problem_assembly.h"
 #include "scenecalib/calibration/calibration_problem.h"
+#include "scenecalib/calibration/clock_misfit.h"
 #include "scenecalib/calibration/radial_misfit.h"
-#include "scenecalib/calibration/shutter_misfit.h"
 
 namespace scenecalib {
 
@@ -22,20 +22,24 @@ struct SolvedEquations {
   double common_errors = 1.0;  ///< multiplies covariances
 };
 
-/// What a solution says of its lenses' radial coefficients, were all else to follow them.
-struct LensEstimate {
-  std::vector<RadialMisfit> lenses;  ///< parallel to the cameras
-  Eigen::MatrixXd covariance;        ///< of the changes
-  /// How all parameters of the problem follow a change; a column per lens.
+/// What a solution says of what it holds: three parameters of every camera that no solve moves by
+/// itself, its lens' radial coefficient, the time between its rows and (unless the problem solves
+/// for it) its time offset, were all else to follow them. Parallel to the cameras.
+struct MisfitEstimate {
+  std::vector<RadialMisfit> lenses;
+  std::vector<ClockMisfit> clocks;
+  /// Of the three, camera by camera.
+  Eigen::MatrixXd covariance;
+  /// How all parameters of the problem follow a change; a column each.
   Eigen::MatrixXd response;
+
+  /// Their errors, squared: lenses that follow the data are as uncertain as it is, everything else
+  /// is off by what the data says beyond chance.
+  Eigen::MatrixXd Errors(bool lenses_follow) const;
 };
 
-/// One Newton step of the coefficients on the cost of which all other parameters are minimised, at
-/// a solution of the problem (docs/math.md, section 6).
-LensEstimate EstimateLenses(const SolvedEquations& solved);
-
-/// The same of the time between the cameras' rows, about the middle one: whether their images are
-/// exposed row by row other than the rig file says. Parallel to the cameras.
-std::vector<ShutterMisfit> EstimateShutters(const SolvedEquations& solved);
+/// One Newton step of these parameters, all together, on the cost of which all others are
+/// minimised, at a solution of the problem (docs/math.md, section 6).
+MisfitEstimate EstimateMisfits(const SolvedEquations& solved);
 
 }  // namespace scenecalib

@@ -4,11 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <iomanip>
 #include <limits>
 #include <mutex>
 #include <optional>
-#include <sstream>
 #include <utility>
 
 #include "scenecalib/base/log.h"
@@ -16,19 +14,13 @@
 #include "scenecalib/calibration/joint_calibration.h"
 #include "scenecalib/geometry/so3.h"
 #include "scenecalib/mapping/ray_caster.h"
+#include "verdicts.h"
 
 namespace scenecalib {
 namespace {
 
-constexpr double kDegPerRad = 57.29577951308232;
 constexpr int kMinViews = 3;
 constexpr std::size_t kMaxBundlesPerCamera = 150;
-/// A lens that is off by more than both is told of.
-constexpr double kMisfit_px = 0.5;
-constexpr double kMisfitSigmas = 4.0;
-/// A camera whose rows are exposed over a time that is off by more than both is refused.
-constexpr double kReadOutMisfit_s = 5e-3;
-constexpr double kReadOutMisfitSigmas = 6.0;
 
 /// Tracks that take part in the solve and tracks that only judge it.
 struct SplitTracks {
@@ -70,19 +62,6 @@ class RoundCounter {
   int done_ = 0;
   bool cancelled_ = false;
   std::mutex mutex_;
-};
-
-std::string Text(double value, int digits) {
-  std::ostringstream stream;
-  stream << std::fixed << std::setprecision(digits) << value;
-  return stream.str();
-}
-
-/// Held-out RMSE before and after, over the same tracks on the same planes.
-struct HeldOutRms {
-  int num_tracks = 0;
-  double before_px = std::numeric_limits<double>::infinity();
-  double after_px = std::numeric_limits<double>::infinity();
 };
 
 HeldOutRms JudgeHeldOut(const std::vector<Track>& tracks, const CameraConfig& initial,
@@ -138,86 +117,6 @@ double InlierRms(const JointCalibration& joint, int camera,
     count += track.num_terms;
   }
   return count > 0 ? std::sqrt(sum / count) : 0.0;
-}
-
-/// Says in words which directions the drive did not show.
-std::vector<std::string> WeakDirections(const CameraStddev& stddev,
-                                        const AcceptanceOptions& options) {
-  static const char* const kAxes[] = {"right", "down", "forward"};
-  static const char* const kTurns[] = {"pitch", "yaw", "roll"};
-  std::vector<std::string> weak;
-  for (int k = 0; k < 3; ++k) {
-    if (stddev.translation_m[k] > options.weak_translation_m) {
-      weak.push_back(std::string(kAxes[k]) + " offset weakly observable (stddev " +
-                     Text(100.0 * stddev.translation_m[k], 1) +
-                     " cm): drive curves and change speed");
-    }
-    if (stddev.rotation_rad[k] * kDegPerRad > options.weak_rotation_deg) {
-      weak.push_back(std::string(kTurns[k]) + " weakly observable (stddev " +
-                     Text(kDegPerRad * stddev.rotation_rad[k], 2) +
-                     " deg): drive curves, or hold the intrinsics");
-    }
-  }
-  return weak;
-}
-
-/// Empty when the lens fits its images.
-std::string DescribeMisfit(const RadialMisfit& lens) {
-  if (lens.edge_px < kMisfit_px || std::abs(lens.change) < kMisfitSigmas * lens.stddev) return "";
-  return "its lens does not fit its images: they ask for " + Text(lens.change, 4) + " (stddev " +
-         Text(lens.stddev, 4) + ") more of the first radial coefficient, " + Text(lens.edge_px, 1) +
-         " px at the image's border; calibrate the lens again, or set "
-         "calibration.estimate_distortion";
-}
-
-/// Empty when the rows were exposed when the rig file says. Tracks that fit a global shutter least
-/// count least, so that what is seen of another one is on the low side.
-std::string DescribeMisfit(const ShutterMisfit& shutter, const CameraConfig& initial) {
-  const double read_out_s = std::abs(shutter.line_time_change_s) * initial.model->height_px();
-  if (read_out_s < kReadOutMisfit_s ||
-      std::abs(shutter.line_time_change_s) < kReadOutMisfitSigmas * shutter.stddev_s) {
-    return "";
-  }
-  const double given_s = initial.rolling_shutter_line_time_s.value_or(0.0);
-  return "its images are exposed row by row, about " +
-         Text(1e6 * (given_s + shutter.line_time_change_s), 0) +
-         " us or more from one to the next, and the rig file says " +
-         (given_s == 0.0 ? "nothing of it" : Text(1e6 * given_s, 1) + " us") +
-         ": give the sensor's line time as rolling_shutter_line_time_s";
-}
-
-/// Reasons against the camera; none means that it is accepted.
-std::vector<std::string> Objections(const CameraConfig& initial, const CameraQuality& quality,
-                                    const JointCameraEvidence& evidence, const HeldOutRms& held_out,
-                                    const Rigid3& result, const AcceptanceOptions& options) {
-  std::vector<std::string> reasons;
-  if (quality.num_inlier_tracks < options.min_inlier_tracks) {
-    reasons.push_back("only " + std::to_string(quality.num_inlier_tracks) +
-                      " inlier tracks, need " + std::to_string(options.min_inlier_tracks) +
-                      ": drive further, in daylight, past structure");
-  }
-  const int associated = evidence.num_tracks_by_outcome[0];
-  if (quality.num_inlier_tracks < options.min_inlier_fraction * associated) {
-    reasons.push_back("only " + std::to_string(quality.num_inlier_tracks) + " of " +
-                      std::to_string(associated) + " tracks agree with the result");
-  }
-  const double angle_deg =
-      kDegPerRad * RotationAngle(initial.lidar_from_camera.rotation, result.rotation);
-  if (angle_deg > options.max_rotation_change_deg) {
-    reasons.push_back("rotation moved by " + Text(angle_deg, 2) + " deg, more than " +
-                      Text(options.max_rotation_change_deg, 2) + ": check the initial pose");
-  }
-  const double distance_m = (result.translation - initial.lidar_from_camera.translation).norm();
-  if (distance_m > options.max_translation_change_m) {
-    reasons.push_back("translation moved by " + Text(distance_m, 3) + " m, more than " +
-                      Text(options.max_translation_change_m, 3) + ": check the initial pose");
-  }
-  if (!(held_out.after_px < held_out.before_px)) {
-    reasons.push_back("held-out tracks do not fit better than with the initial values (" +
-                      Text(held_out.before_px, 3) + " px before, " + Text(held_out.after_px, 3) +
-                      " px after)");
-  }
-  return reasons;
 }
 
 std::vector<RayBundle> SampleBundles(int camera, const std::vector<TransferTerm>& terms,
@@ -294,8 +193,13 @@ class Finisher {
                                  options_.acceptance);
     const auto model = parameters.model->WithTunable(parameters.Intrinsics());
     if (!model.ok()) quality.reasons.push_back(model.status().message());
-    const std::string shutter = DescribeMisfit(joint.shutters[joint_camera], config);
-    if (!shutter.empty()) quality.reasons.push_back(shutter);
+    const ClockMisfit& clock = joint.clocks[joint_camera];
+    const MisfitVerdict misfits[] = {
+        JudgeShutter(clock, config), JudgeTimeOffset(clock, config),
+        options_.estimate_distortion ? MisfitVerdict() : JudgeLens(joint.lenses[joint_camera])};
+    for (const MisfitVerdict& verdict : misfits) {
+      if (verdict.is_bad) quality.reasons.push_back(verdict.text);
+    }
     quality.accepted = quality.reasons.empty();
     if (quality.accepted) {
       CameraConfig& refined = calibration_->result.rig.cameras[camera];
@@ -308,9 +212,8 @@ class Finisher {
             "principal point stays near its initial value: this drive does not tell it from the "
             "rotation; drive curves to refine it");
       }
-      if (!options_.estimate_distortion) {
-        const std::string misfit = DescribeMisfit(joint.lenses[joint_camera]);
-        if (!misfit.empty()) quality.reasons.push_back(misfit);
+      for (const MisfitVerdict& verdict : misfits) {
+        if (!verdict.text.empty()) quality.reasons.push_back(verdict.text);
       }
     }
     Append(SampleBundles(camera, joint.terms, joint_camera, initial_cameras[joint_camera], none),

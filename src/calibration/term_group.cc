@@ -195,15 +195,25 @@ bool TermGroup::EvaluateSlice(const State& state, std::size_t first, std::size_t
   return true;
 }
 
-template <typename BySource, typename ByTarget>
-bool TermGroup::EvaluateSide(const State& state, const BySource& by_source,
-                             const ByTarget& by_target, SideEquations* equations) const {
+bool TermGroup::EvaluateMisfits(const std::vector<RadialField>& fields,
+                                MisfitEquations* equations) const {
+  using Derivatives = Eigen::Matrix<double, 2, kNumMisfits>;
+  using Square = Eigen::Matrix<double, kNumMisfits, kNumMisfits>;
   const double loss_square = problem_.loss_scale * problem_.loss_scale;
-  const auto num_cameras = static_cast<Eigen::Index>(state.cameras.size());
-  equations->coupling = Eigen::MatrixXd::Zero(num_columns_, num_cameras);
-  equations->information = Eigen::MatrixXd::Zero(num_cameras, num_cameras);
-  equations->gradient = Eigen::VectorXd::Zero(num_cameras);
-  std::vector<std::optional<ViewPairSums>> sums(state.cameras.size());
+  const State state = StateAt(blocks_.data(), true);
+  const auto size = kNumMisfits * static_cast<Eigen::Index>(state.cameras.size());
+  equations->coupling = Eigen::MatrixXd::Zero(num_columns_, size);
+  equations->information = Eigen::MatrixXd::Zero(size, size);
+  equations->gradient = Eigen::VectorXd::Zero(size);
+  // Turn and shift of each view's camera in a second.
+  std::vector<Vector6d> rates;
+  for (const ViewColumns& view : state.columns) {
+    rates.push_back(view.motion.rightCols<6>() * view.twist_in_lidar);
+  }
+  const auto field_of = [&](int view) -> const RadialField& {
+    return fields[static_cast<std::size_t>(views_[view].camera)];
+  };
+  std::vector<std::optional<ViewPairSums>> sums(static_cast<std::size_t>(size));
   for (const Entry& entry : entries_) {
     const int source = views_[entry.source].camera;
     const int target = views_[entry.target].camera;
@@ -217,73 +227,48 @@ bool TermGroup::EvaluateSide(const State& state, const BySource& by_source,
     }
     const double square = (entry.whitening * residual_px).squaredNorm() / loss_square;
     const Eigen::Matrix2d weight = entry.whitening * std::sqrt(1.0 / (1.0 + square));
-    const Eigen::Vector2d of_source = by_source(entry, jacobians);
-    const Eigen::Vector2d of_target = by_target(entry, jacobians, residual_px);
-    const auto add = [&](int camera, const Eigen::Vector2d& derivative) {
-      auto& of_camera = sums[static_cast<std::size_t>(camera)];
-      if (!of_camera) of_camera.emplace(state.columns, num_columns_);
-      of_camera->StartPair(entry.source, entry.target);
-      of_camera->Add(jacobians, derivative, weight);
-      equations->gradient[camera] += (weight * derivative).dot(weight * residual_px);
-      equations->information(camera, camera) += (weight * derivative).squaredNorm();
+    // A lens that bends more sends the source pixel's ray elsewhere, and shows the point elsewhere.
+    const Eigen::Vector2d& source_px = rays_[entry.ray].pixel;
+    const Eigen::Vector2d source_rate = jacobians.source.leftCols<6>() * rates[entry.source];
+    Derivatives of_source;
+    of_source << -jacobians.by_source_pixel * field_of(entry.source).At(source_px),
+        source_px.y() * source_rate, source_rate;
+    const Eigen::Vector2d target_rate = jacobians.target.leftCols<6>() * rates[entry.target];
+    Derivatives of_target;
+    of_target << field_of(entry.target).At(entry.target_pixel + residual_px),
+        entry.target_pixel.y() * target_rate, target_rate;
+    const auto add = [&](int camera, const Derivatives& derivatives) {
+      const Eigen::Index first = kNumMisfits * camera;
+      for (int k = 0; k < kNumMisfits; ++k) {
+        auto& of_misfit = sums[static_cast<std::size_t>(first + k)];
+        if (!of_misfit) of_misfit.emplace(state.columns, num_columns_);
+        of_misfit->StartPair(entry.source, entry.target);
+        of_misfit->Add(jacobians, derivatives.col(k), weight);
+      }
+      const Derivatives weighted = weight * derivatives;
+      equations->gradient.segment<kNumMisfits>(first) +=
+          weighted.transpose() * (weight * residual_px);
+      equations->information.block<kNumMisfits, kNumMisfits>(first, first) +=
+          weighted.transpose() * weighted;
     };
     if (source == target) {
       add(source, of_source + of_target);
     } else {
       add(source, of_source);
       add(target, of_target);
-      const double both = (weight * of_source).dot(weight * of_target);
-      equations->information(source, target) += both;
-      equations->information(target, source) += both;
+      const Square both = (weight * of_source).transpose() * (weight * of_target);
+      equations->information.block<kNumMisfits, kNumMisfits>(kNumMisfits * source,
+                                                             kNumMisfits * target) += both;
+      equations->information.block<kNumMisfits, kNumMisfits>(
+          kNumMisfits * target, kNumMisfits * source) += both.transpose();
     }
   }
-  for (std::size_t camera = 0; camera < sums.size(); ++camera) {
-    if (!sums[camera]) continue;
-    sums[camera]->Finish();
-    equations->coupling.col(static_cast<Eigen::Index>(camera)) = sums[camera]->gradient();
+  for (std::size_t i = 0; i < sums.size(); ++i) {
+    if (!sums[i]) continue;
+    sums[i]->Finish();
+    equations->coupling.col(static_cast<Eigen::Index>(i)) = sums[i]->gradient();
   }
   return true;
-}
-
-bool TermGroup::EvaluateLenses(const std::vector<RadialField>& fields,
-                               SideEquations* equations) const {
-  const auto field_of = [&](int view) -> const RadialField& {
-    return fields[static_cast<std::size_t>(views_[view].camera)];
-  };
-  // A lens that bends more sends the source pixel's ray elsewhere, and shows the point elsewhere.
-  return EvaluateSide(
-      StateAt(blocks_.data(), true),
-      [&](const Entry& entry, const PoseJacobians& jacobians) -> Eigen::Vector2d {
-        return -jacobians.by_source_pixel * field_of(entry.source).At(rays_[entry.ray].pixel);
-      },
-      [&](const Entry& entry, const PoseJacobians&, const Eigen::Vector2d& residual_px) {
-        return field_of(entry.target).At(entry.target_pixel + residual_px);
-      },
-      equations);
-}
-
-bool TermGroup::EvaluateShutters(SideEquations* equations) const {
-  const State state = StateAt(blocks_.data(), true);
-  // Turn and shift of each view's camera in a second.
-  std::vector<Vector6d> rates;
-  for (const ViewColumns& view : state.columns) {
-    rates.push_back(view.motion.rightCols<6>() * view.twist_in_lidar);
-  }
-  const auto rows_from_middle = [&](int view, const Eigen::Vector2d& pixel) {
-    return pixel.y() - 0.5 * (state.cameras[views_[view].camera].model->height_px() - 1);
-  };
-  return EvaluateSide(
-      state,
-      [&](const Entry& entry, const PoseJacobians& jacobians) -> Eigen::Vector2d {
-        return rows_from_middle(entry.source, rays_[entry.ray].pixel) *
-               (jacobians.source.leftCols<6>() * rates[entry.source]);
-      },
-      [&](const Entry& entry, const PoseJacobians& jacobians,
-          const Eigen::Vector2d&) -> Eigen::Vector2d {
-        return rows_from_middle(entry.target, entry.target_pixel) *
-               (jacobians.target.leftCols<6>() * rates[entry.target]);
-      },
-      equations);
 }
 
 bool TermGroup::Evaluate(double const* const* values, bool with_derivatives,

@@ -19,9 +19,10 @@ struct GroupEquations {
   double cost = 0.0;
 };
 
-/// What the terms say about parameters beside the group's own, of which every camera has one: with
-/// R the residuals' derivatives by them, J^T W R, R^T W R and R^T W r.
-struct SideEquations {
+/// What the terms say about parameters beside the group's own, of which every camera has
+/// TermGroup::kNumMisfits, one camera after the other: with R the residuals' derivatives by them,
+/// J^T W R, R^T W R and R^T W r.
+struct MisfitEquations {
   Eigen::MatrixXd coupling;
   Eigen::MatrixXd information;
   Eigen::VectorXd gradient;
@@ -32,6 +33,9 @@ struct SideEquations {
 /// always in the same order.
 class TermGroup {
  public:
+  /// Of every camera: its lens' radial coefficient, the time between its rows, its time offset.
+  static constexpr int kNumMisfits = 3;
+
   /// The problem and its terms must outlive the group.
   TermGroup(const CalibrationProblem& problem, const std::vector<int>& terms);
 
@@ -47,11 +51,9 @@ class TermGroup {
   bool Evaluate(double const* const* values, bool with_derivatives,
                 GroupEquations* equations) const;
 
-  /// By the radial coefficients of the lenses, at the present values; `fields` are those of all
-  /// cameras. False as for Evaluate.
-  bool EvaluateLenses(const std::vector<RadialField>& fields, SideEquations* equations) const;
-  /// By the times between the cameras' rows, about the middle one.
-  bool EvaluateShutters(SideEquations* equations) const;
+  /// By the misfits, at the present values; `fields` are those of all cameras. False as for
+  /// Evaluate.
+  bool EvaluateMisfits(const std::vector<RadialField>& fields, MisfitEquations* equations) const;
 
  private:
   /// What a term's evaluation reads, packed in the order in which it is read.
@@ -72,11 +74,6 @@ class TermGroup {
   State StateAt(double const* const* values, bool with_derivatives) const;
   bool EvaluateSlice(const State& state, std::size_t first, std::size_t last, bool with_derivatives,
                      GroupEquations* equations) const;
-  /// `by_source(entry, jacobians)` is the residual's derivative by the source camera's parameter,
-  /// `by_target(entry, jacobians, residual_px)` by the target camera's.
-  template <typename BySource, typename ByTarget>
-  bool EvaluateSide(const State& state, const BySource& by_source, const ByTarget& by_target,
-                    SideEquations* equations) const;
 
   const CalibrationProblem& problem_;
   std::vector<TermView> views_;

@@ -198,16 +198,58 @@ TEST(RigCalibrator, ARollingShutterThatNobodyMentionedIsRefusedAndMeasured) {
   EXPECT_NE(reason->find("rolling_shutter_line_time_s"), std::string::npos) << *reason;
 }
 
+/// Stamps that come so much before the lidar clock's.
+void SetClock(double offset_s, CameraSegment* segment) {
+  for (Track& track : segment->tracks) {
+    for (TrackObservation& observation : track.observations) {
+      observation.stamp_ns = AddSeconds(observation.stamp_ns, -offset_s);
+    }
+  }
+}
+
+TEST(RigCalibrator, AClockThatIsOffIsToldOfWidensTheDeviationsOrIsRefused) {
+  CanyonOptions canyon;
+  canyon.turn_amplitude_rad = 0.6;
+  canyon.tracks_per_camera = 1000;
+  const CanyonScene scene = MakeCanyonScene(TwoCameras(), canyon);
+  const Rig initial = Perturb(scene.rig, 0.5 / kDegPerRad, 0.05, 8);
+  const auto with_clock = [&](double offset_s) {
+    CanyonScene late = scene;
+    SetClock(offset_s, &late.segments[1]);
+    const auto calibration = CalibrateRig(initial, late.map, late.segments, HeldIntrinsics(), {});
+    EXPECT_TRUE(calibration.ok()) << calibration.status().message();
+    EXPECT_TRUE(calibration->result.cameras[0].accepted);
+    return calibration->result;
+  };
+  const auto told = [](const CameraQuality& quality) {
+    const std::string before = "they ask for a time_offset_s of ";
+    for (const std::string& reason : quality.reasons) {
+      const std::size_t at = reason.find(before);
+      if (at != std::string::npos) return 1e-3 * std::stod(reason.substr(at + before.size()));
+    }
+    return 0.0;
+  };
+  const CalibrationResult right = with_clock(0.0);
+  EXPECT_EQ(told(right.cameras[1]), 0.0);
+  const CalibrationResult little = with_clock(0.004);
+  EXPECT_TRUE(little.cameras[1].accepted);
+  EXPECT_NEAR(told(little.cameras[1]), 0.004, 0.0012);
+  EXPECT_EQ(told(little.cameras[0]), 0.0);
+  EXPECT_GT(little.cameras[1].stddev.translation_m.norm(),
+            2.0 * right.cameras[1].stddev.translation_m.norm());
+  const Eigen::Vector3d sigmas =
+      (scene.rig.cameras[1].lidar_from_camera.Inverse() * little.rig.cameras[1].lidar_from_camera)
+          .translation.cwiseQuotient(little.cameras[1].stddev.translation_m);
+  EXPECT_LT(sigmas.cwiseAbs().maxCoeff(), 3.0);
+  const CalibrationResult much = with_clock(0.015);
+  EXPECT_FALSE(much.cameras[1].accepted);
+  EXPECT_NEAR(told(much.cameras[1]), 0.015, 0.003);
+}
+
 TEST(RigCalibrator, RecoversTimeOffsetsWhenAskedTo) {
   constexpr double kOffset_s = 0.01;  // camera stamp + offset = lidar clock
   CanyonScene scene = MakeCanyonScene(TwoCameras(), {});
-  for (CameraSegment& segment : scene.segments) {
-    for (Track& track : segment.tracks) {
-      for (TrackObservation& observation : track.observations) {
-        observation.stamp_ns = AddSeconds(observation.stamp_ns, -kOffset_s);
-      }
-    }
-  }
+  for (CameraSegment& segment : scene.segments) SetClock(kOffset_s, &segment);
   const Rig initial = Perturb(scene.rig, 0.5 / kDegPerRad, 0.05, 8);
   CalibrationOptions options = HeldIntrinsics();
   options.estimate_time_offset = true;

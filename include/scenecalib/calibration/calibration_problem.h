@@ -5,8 +5,8 @@
 
 #include "scenecalib/base/status.h"
 #include "scenecalib/calibration/calibration_result.h"
+#include "scenecalib/calibration/clock_misfit.h"
 #include "scenecalib/calibration/radial_misfit.h"
-#include "scenecalib/calibration/shutter_misfit.h"
 #include "scenecalib/calibration/trajectory_correction.h"
 #include "scenecalib/calibration/transfer_error.h"
 #include "scenecalib/mapping/ray_caster.h"
@@ -80,7 +80,7 @@ struct SolveEvidence {
 struct CalibrationUncertainty {
   std::vector<CameraStddev> stddev;
   std::vector<RadialMisfit> lenses;
-  std::vector<ShutterMisfit> shutters;
+  std::vector<ClockMisfit> clocks;
 };
 
 /// The nonlinear least-squares problem over a set of terms: Eq. (3), whitened and robust, with

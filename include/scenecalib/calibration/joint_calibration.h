@@ -39,7 +39,7 @@ struct JointCalibration {
   std::vector<JointCameraEvidence> evidence;
   std::vector<CameraStddev> stddev;
   std::vector<RadialMisfit> lenses;
-  std::vector<ShutterMisfit> shutters;
+  std::vector<ClockMisfit> clocks;
   std::vector<TransferTerm> terms;        ///< inliers of the last round, within one camera
   std::vector<TransferTerm> cross_terms;  ///< the same between cameras; `track` is of the source
   /// All matches between cameras as last found, of points in the order of their tracks' terms.
