@@ -214,6 +214,9 @@ void CameraTracker::Impl::Register(const std::vector<LiveTrack>& followed, const
   ExtendTracks(*model, *images, seen, registered_quality, adapted, &registered);
   for (RegisteredTrack& track : registered) segment->tracks.push_back(std::move(track.track));
   VerifyTracks(*model, adapted.verification, &segment->tracks);
+  DropShortest(adapted.verification.min_observations,
+               static_cast<std::size_t>(options.verification.enough_tracks) * images->size(),
+               &segment->tracks);
 }
 
 CameraTracker::CameraTracker(std::string name, CameraModelPtr model, const TrackingOptions& options,

@@ -39,4 +39,17 @@ std::vector<std::size_t> SelectSpread(const std::vector<TrackSummary>& tracks,
   return chosen;
 }
 
+void DropShortest(int min_observations, std::size_t enough_observations,
+                  std::vector<Track>* tracks) {
+  const auto is_shortest = [min_observations](const Track& track) {
+    return static_cast<int>(track.observations.size()) <= min_observations;
+  };
+  std::size_t num_observations = 0;
+  for (const Track& track : *tracks) {
+    if (!is_shortest(track)) num_observations += track.observations.size();
+  }
+  if (num_observations < enough_observations) return;
+  tracks->erase(std::remove_if(tracks->begin(), tracks->end(), is_shortest), tracks->end());
+}
+
 }  // namespace scenecalib

@@ -39,6 +39,24 @@ TEST(TrackSelection, EverySecondOfTheDriveHasItsShare) {
   EXPECT_GT(late, 40) << "of 128, where one in nine tracks is late";
 }
 
+TEST(TrackSelection, TheShortestGoWhereTheOthersAreEnough) {
+  std::vector<Track> tracks;
+  for (const int length : {3, 5, 3, 4, 6}) {
+    Track track;
+    track.id = length;
+    track.observations.resize(static_cast<std::size_t>(length));
+    tracks.push_back(track);
+  }
+  std::vector<Track> kept = tracks;
+  DropShortest(3, 16, &kept);  // the three others have 15
+  EXPECT_EQ(kept.size(), 5U);
+  DropShortest(3, 15, &kept);
+  ASSERT_EQ(kept.size(), 3U);
+  EXPECT_EQ(kept[0].id, 5);
+  EXPECT_EQ(kept[1].id, 4);
+  EXPECT_EQ(kept[2].id, 6);
+}
+
 TEST(TrackSelection, ShortTracksAreNotTakenHoweverFewThereAre) {
   const std::vector<TrackSummary> tracks = {{0, {10.0, 10.0}, 2}, {0, {20.0, 10.0}, 3}};
   EXPECT_EQ(SelectSpread(tracks, 10, 3, kWidth_px, kHeight_px), (std::vector<std::size_t>{1}));

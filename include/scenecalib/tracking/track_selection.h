@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "scenecalib/base/timestamp.h"
+#include "scenecalib/tracking/track.h"
 
 namespace scenecalib {
 
@@ -20,5 +21,11 @@ struct TrackSummary {
 std::vector<std::size_t> SelectSpread(const std::vector<TrackSummary>& tracks,
                                       std::size_t max_tracks, std::size_t min_views, int width_px,
                                       int height_px);
+
+/// Drops tracks with at most `min_observations` observations if the others have at least
+/// `enough_observations` altogether: a track of three sightings is hardly verified, and only worth
+/// having where there is little else.
+void DropShortest(int min_observations, std::size_t enough_observations,
+                  std::vector<Track>* tracks);
 
 }  // namespace scenecalib

@@ -162,6 +162,7 @@ struct NoisyImageOptions {
 /// Which tracks are believed.
 struct VerificationOptions {
   int min_observations = 3;
+  int enough_tracks = 800;
   double static_extent_px = 1.0;
   double min_neighbour_motion_px = 4.0;
   int frame_gap = 3;
@@ -173,6 +174,10 @@ struct VerificationOptions {
 
   void Visit(OptionVisitor& v) {
     v.Field("min_observations", &min_observations, {2, 1000}, "shorter tracks are dropped");
+    v.Field(
+        "enough_tracks", &enough_tracks, {0, 1000000},
+        "where so many tracks an image, on average, have more sightings than these, tracks that "
+        "have no more are dropped too: they are hardly verified");
     v.Field("static_extent_px", &static_extent_px, {0, 20},
             "a track that stays within this while its neighbours move is fixed to the vehicle");
     v.Field("min_neighbour_motion_px", &min_neighbour_motion_px, {0.5, 1000},
