@@ -3,7 +3,6 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
-#include <Eigen/LU>
 #include <Eigen/SVD>
 #include <algorithm>
 #include <array>
@@ -15,6 +14,7 @@
 
 #include "patch_correlation.h"
 #include "scenecalib/tracking/patch_registration.h"
+#include "scenecalib/tracking/plane_warp.h"
 
 namespace scenecalib {
 namespace {
@@ -84,86 +84,28 @@ class PointGrid {
   std::unordered_map<std::array<int, 3>, std::vector<int>, CellHash> cells_;
 };
 
-/// The middle and the border of a square.
-const std::array<Eigen::Vector2d, 9> kSquare = {
-    Eigen::Vector2d(0, 0),  Eigen::Vector2d(-1, -1), Eigen::Vector2d(0, -1),
-    Eigen::Vector2d(1, -1), Eigen::Vector2d(-1, 0),  Eigen::Vector2d(1, 0),
-    Eigen::Vector2d(-1, 1), Eigen::Vector2d(0, 1),   Eigen::Vector2d(1, 1)};
-
 /// Eq. (4) through a plane: pixel of one view to pixel of another, both ways alike.
 struct PlaneTransfer {
-  const CameraModel* source_model;
-  const CameraModel* target_model;
-  const ImagePose* source;
-  const ImagePose* target;
-  Eigen::Vector3d point_in_map_m;
-  Eigen::Vector3d normal_in_map;
-
-  std::optional<Eigen::Vector3d> MeetPlane(const Eigen::Vector2d& source_px) const {
-    const auto ray = source_model->Unproject(source_px);
-    if (!ray) return std::nullopt;
-    const Rigid3 map_from_source = source->At(source_px.y());
-    const Eigen::Vector3d direction = map_from_source.rotation * *ray;
-    const double sine = normal_in_map.dot(direction);
-    const double height = normal_in_map.dot(point_in_map_m - map_from_source.translation);
-    if (std::abs(sine) < kMinGrazingSine || height / sine <= 0.0) return std::nullopt;
-    return Eigen::Vector3d(map_from_source.translation + height / sine * direction);
-  }
+  PosedView source;
+  PosedView target;
+  MapPlane plane;
 
   std::optional<Eigen::Vector2d> operator()(const Eigen::Vector2d& source_px) const {
-    const auto point = MeetPlane(source_px);
+    const auto point = MeetPlane(source, plane, source_px, kMinGrazingSine);
     if (!point) return std::nullopt;
-    return target->Project(*target_model, *point);
+    return target.pose->Project(*target.model, *point);
   }
 
-  /// Second-order warp about a source pixel, fitted to eight samples at the given radius.
+  std::optional<PlaneSamples> SamplesAround(const Eigen::Vector2d& source_px,
+                                            double radius_px) const {
+    return SamplePlane(source, plane, source_px, radius_px, kMinGrazingSine);
+  }
+
+  /// Second-order warp about a source pixel, fitted to samples at the given radius.
   std::optional<PatchWarp> Warp(const Eigen::Vector2d& source_px, double radius_px) const {
     const auto samples = SamplesAround(source_px, radius_px);
     if (!samples) return std::nullopt;
-    return WarpOf(*samples, radius_px);
-  }
-
-  /// Points of the plane that the source sees at a pixel, first, and on a square around it.
-  using Samples = std::array<Eigen::Vector3d, 9>;
-  std::optional<Samples> SamplesAround(const Eigen::Vector2d& source_px, double radius_px) const {
-    Samples samples;
-    for (std::size_t i = 0; i < samples.size(); ++i) {
-      const auto point = MeetPlane(source_px + radius_px * kSquare[i]);
-      if (!point) return std::nullopt;
-      samples[i] = *point;
-    }
-    return samples;
-  }
-
-  /// The warp from where the target sees them.
-  std::optional<PatchWarp> WarpOf(const Samples& samples, double radius_px) const {
-    const auto centre = target->Project(*target_model, samples[0]);
-    if (!centre) return std::nullopt;
-    Eigen::Matrix<double, 8, 2> pixels;
-    for (int i = 0; i < 8; ++i) {
-      const auto pixel = target->Project(*target_model, samples[i + 1]);
-      if (!pixel) return std::nullopt;
-      pixels.row(i) = (*pixel - *centre).transpose();
-    }
-    static const Eigen::Matrix<double, 5, 8> kFit = SecondOrderFit();
-    const Eigen::Matrix<double, 5, 2> fit = kFit * pixels;
-    PatchWarp warp;
-    warp.center_px = *centre;
-    warp.affine = fit.topRows<2>().transpose() / radius_px;
-    warp.quadratic = fit.bottomRows<3>().transpose() / (radius_px * radius_px);
-    return warp;
-  }
-
- private:
-  /// Of values at the square's border to the coefficients of x, y, x^2, x y and y^2.
-  static Eigen::Matrix<double, 5, 8> SecondOrderFit() {
-    Eigen::Matrix<double, 8, 5> design;
-    for (int i = 0; i < 8; ++i) {
-      const double x = kSquare[i + 1].x();
-      const double y = kSquare[i + 1].y();
-      design.row(i) << x, y, x * x, x * y, y * y;
-    }
-    return (design.transpose() * design).inverse() * design.transpose();
+    return WarpInto(target, *samples, radius_px);
   }
 };
 
@@ -249,21 +191,22 @@ class PairMatcher {
         target_.images->count(target_stamp) == 0) {
       return std::nullopt;
     }
-    return PlaneTransfer{source_.model.get(),  target_.model.get(),  &source_pose->second,
-                         &target_pose->second, point.point_in_map_m, point.normal_in_map};
+    return PlaneTransfer{{source_.model.get(), &source_pose->second},
+                         {target_.model.get(), &target_pose->second},
+                         {point.point_in_map_m, point.normal_in_map}};
   }
 
   std::vector<Candidate> BestViews(int index, const std::vector<Timestamp>& stamps) const {
     constexpr double kSquareRadiusPx = 4.0;
     const FeaturePoint& point = source_.points[index];
     std::vector<std::pair<double, Timestamp>> ranked;
-    std::optional<PlaneTransfer::Samples> samples;
+    std::optional<PlaneSamples> samples;
     for (const Timestamp stamp : stamps) {
       const auto transfer = TransferOf(point, stamp);
       if (!transfer) continue;
       if (!samples) samples = transfer->SamplesAround(point.reference_px, kSquareRadiusPx);
       if (!samples) return {};  // whatever the target is
-      const auto warp = transfer->WarpOf(*samples, kSquareRadiusPx);
+      const auto warp = WarpInto(transfer->target, *samples, kSquareRadiusPx);
       if (!warp || warp->affine.determinant() <= 0.0) continue;
       const Eigen::Vector2d scales = ScalesOf(warp->affine);
       if (scales[0] > options_.max_scale || scales[1] < 1.0 / options_.max_scale) continue;
@@ -287,8 +230,8 @@ class PairMatcher {
   }
 
   bool IsOccluded(const PlaneTransfer& transfer, double target_row_px) const {
-    const Eigen::Vector3d eye = transfer.target->At(target_row_px).translation;
-    const Eigen::Vector3d line = transfer.point_in_map_m - eye;
+    const Eigen::Vector3d eye = transfer.target.pose->At(target_row_px).translation;
+    const Eigen::Vector3d line = transfer.plane.point_in_map_m - eye;
     const double distance = line.norm();
     const auto hit = caster_.Cast({eye, line / distance}, kMaxRange_m);
     return hit && hit->range_m < distance - std::max(kOcclusionFloor_m, kOcclusionShare * distance);
@@ -299,11 +242,12 @@ class PairMatcher {
   bool IsOnPlane(const PlaneTransfer& back, const Eigen::Vector2d& pixel) const {
     const auto ray = target_.model->Unproject(pixel);
     if (!ray) return false;
-    const Rigid3 map_from_target = back.source->At(pixel.y());
+    const Rigid3 map_from_target = back.source.pose->At(pixel.y());
     const auto hit =
         caster_.Cast({map_from_target.translation, map_from_target.rotation * *ray}, kMaxRange_m);
     if (!hit) return false;
-    const double off = std::abs(back.normal_in_map.dot(hit->point_in_map_m - back.point_in_map_m));
+    const double off =
+        std::abs(back.plane.normal_in_map.dot(hit->point_in_map_m - back.plane.point_in_map_m));
     return off < kOffPlane_m + kOffPlaneShare * hit->range_m;
   }
 
@@ -320,9 +264,8 @@ class PairMatcher {
     if ((window & cv::Rect(cv::Point(0, 0), target_image.size())) != window) {
       return Verdict::kNotSeen;
     }
-    PlaneTransfer back = transfer;  // target pixels to source pixels
-    std::swap(back.source_model, back.target_model);
-    std::swap(back.source, back.target);
+    // Target pixels to source pixels.
+    const PlaneTransfer back{transfer.target, transfer.source, transfer.plane};
     cv::Mat1b mask;
     cv::Mat patch;
     const double share =

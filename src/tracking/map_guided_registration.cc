@@ -3,7 +3,6 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -18,80 +17,8 @@ namespace {
 /// Rays that meet a plane flatter than this (sine of the angle to it) tell nothing.
 constexpr double kMinGrazingSine = 0.02;
 
-/// Offsets at which a warp is sampled, in units of the sampling radius.
-constexpr int kNumSamples = 8;
-constexpr double kSampleX[kNumSamples] = {-1, 0, 1, -1, 1, -1, 0, 1};
-constexpr double kSampleY[kNumSamples] = {-1, -1, -1, 0, 0, 1, 1, 1};
-
-/// Where the ray through a pixel meets the plane.
-std::optional<Eigen::Vector3d> MeetPlane(const CameraModel& model, const TrackPlane& plane,
-                                         const ImagePose& pose, const Eigen::Vector2d& pixel) {
-  const auto ray = model.Unproject(pixel);
-  if (!ray) return std::nullopt;
-  const Rigid3 map_from_camera = pose.At(pixel.y());
-  const Eigen::Vector3d ray_in_map = map_from_camera.rotation * *ray;
-  const double sine = plane.normal_in_map.dot(ray_in_map);
-  const double height = plane.normal_in_map.dot(plane.point_in_map_m - map_from_camera.translation);
-  if (std::abs(sine) < kMinGrazingSine || height / sine <= 0.0) return std::nullopt;
-  return Eigen::Vector3d(map_from_camera.translation + height / sine * ray_in_map);
-}
-
-/// Coefficients of the first and second order from the samples: least squares, factorised once.
-Eigen::Matrix<double, 5, kNumSamples> MakeFit() {
-  Eigen::Matrix<double, kNumSamples, 5> design;
-  for (int i = 0; i < kNumSamples; ++i) {
-    const double x = kSampleX[i];
-    const double y = kSampleY[i];
-    design.row(i) << x, y, x * x, x * y, y * y;
-  }
-  return (design.transpose() * design).inverse() * design.transpose();
-}
-
-/// The points of the plane that a reference patch shows: its centre and the samples around it.
-struct PatchOnPlane {
-  Eigen::Vector3d center_in_map_m;
-  Eigen::Vector3d samples_in_map_m[kNumSamples];
-  double sample_radius_px = 0.0;
-};
-
-std::optional<PatchOnPlane> LayOnPlane(const CameraModel& model, const TrackPlane& plane,
-                                       const ImagePose& reference,
-                                       const Eigen::Vector2d& reference_px, int radius_px) {
-  PatchOnPlane patch;
-  // Third-order terms make a fit at the patch's border wrong inside; at 0.7 they balance.
-  patch.sample_radius_px = 0.7 * radius_px;
-  const auto center = MeetPlane(model, plane, reference, reference_px);
-  if (!center) return std::nullopt;
-  patch.center_in_map_m = *center;
-  for (int i = 0; i < kNumSamples; ++i) {
-    const Eigen::Vector2d offset(kSampleX[i], kSampleY[i]);
-    const auto sample =
-        MeetPlane(model, plane, reference, reference_px + patch.sample_radius_px * offset);
-    if (!sample) return std::nullopt;
-    patch.samples_in_map_m[i] = *sample;
-  }
-  return patch;
-}
-
-std::optional<PatchWarp> SeeFrom(const CameraModel& model, const PatchOnPlane& patch,
-                                 const ImagePose& other) {
-  static const Eigen::Matrix<double, 5, kNumSamples> kFit = MakeFit();
-  const auto center = other.Project(model, patch.center_in_map_m);
-  if (!center) return std::nullopt;
-  Eigen::Matrix<double, kNumSamples, 2> pixels;
-  for (int i = 0; i < kNumSamples; ++i) {
-    const auto pixel = other.Project(model, patch.samples_in_map_m[i]);
-    if (!pixel) return std::nullopt;
-    pixels.row(i) = (*pixel - *center).transpose();
-  }
-  const Eigen::Matrix<double, 5, 2> coefficients = kFit * pixels;
-  const double r = patch.sample_radius_px;
-  PatchWarp warp;
-  warp.center_px = *center;
-  warp.affine = coefficients.topRows<2>().transpose() / r;
-  warp.quadratic = coefficients.bottomRows<3>().transpose() / (r * r);
-  return warp;
-}
+/// Third-order terms make a fit at the patch's border wrong inside; at 0.7 they balance.
+constexpr double kSampleShare = 0.7;
 
 /// Registers one track. The pieces are in the order of Run.
 class GuidedTrack {
@@ -145,7 +72,9 @@ class GuidedTrack {
     for (const int bound_px : {plane_.radius_px, track_.patch_radius_px}) {
       if (bound_px > 0) radius_px = std::min(radius_px, bound_px);
     }
-    on_plane_ = LayOnPlane(model_, plane_, pose->second, reference_->pixel, radius_px);
+    sample_radius_px_ = kSampleShare * radius_px;
+    on_plane_ = SamplePlane({&model_, &pose->second}, plane_, reference_->pixel, sample_radius_px_,
+                            kMinGrazingSine);
     if (!on_plane_) return false;
     patch_ =
         ReferencePatch::Create(image->second, reference_->pixel, radius_px, WarpFreedom::kShift);
@@ -156,7 +85,7 @@ class GuidedTrack {
   std::optional<PatchWarp> PredictWarp(Timestamp stamp_ns) const {
     const auto pose = poses_.find(stamp_ns);
     if (pose == poses_.end()) return std::nullopt;
-    auto warp = SeeFrom(model_, *on_plane_, pose->second);
+    auto warp = WarpInto({&model_, &pose->second}, *on_plane_, sample_radius_px_);
     // A negative determinant sees the plane from behind.
     if (!warp || warp->affine.determinant() <= 0.0 ||
         ScaleChange(warp->affine) > options_.max_scale) {
@@ -231,7 +160,8 @@ class GuidedTrack {
   const MapGuidedOptions& options_;
 
   const TrackObservation* reference_ = nullptr;
-  std::optional<PatchOnPlane> on_plane_;
+  double sample_radius_px_ = 0.0;
+  std::optional<PlaneSamples> on_plane_;
   std::optional<ReferencePatch> patch_;
   std::map<Timestamp, Found> found_;
   Eigen::Matrix2d covariance_sum_ = Eigen::Matrix2d::Zero();
@@ -243,9 +173,11 @@ std::optional<PatchWarp> WarpThroughPlane(const CameraModel& model, const TrackP
                                           const ImagePose& reference,
                                           const Eigen::Vector2d& reference_px,
                                           const ImagePose& other, int radius_px) {
-  const auto patch = LayOnPlane(model, plane, reference, reference_px, radius_px);
-  if (!patch) return std::nullopt;
-  return SeeFrom(model, *patch, other);
+  const double half_edge_px = kSampleShare * radius_px;
+  const auto samples =
+      SamplePlane({&model, &reference}, plane, reference_px, half_edge_px, kMinGrazingSine);
+  if (!samples) return std::nullopt;
+  return WarpInto({&model, &other}, *samples, half_edge_px);
 }
 
 MapGuidedTracks RegisterThroughMap(const std::vector<Track>& tracks,

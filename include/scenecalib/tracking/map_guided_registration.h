@@ -11,14 +11,13 @@
 #include "scenecalib/sensor/camera_model.h"
 #include "scenecalib/sensor/image_pose.h"
 #include "scenecalib/tracking/patch_registration.h"
+#include "scenecalib/tracking/plane_warp.h"
 #include "scenecalib/tracking/track.h"
 
 namespace scenecalib {
 
-/// The locally planar surface that a track's scene point lies on, in the map frame.
-struct TrackPlane {
-  Eigen::Vector3d point_in_map_m = Eigen::Vector3d::Zero();
-  Eigen::Vector3d normal_in_map = Eigen::Vector3d::UnitZ();  ///< unit, either side
+/// The surface that a track's scene point lies on.
+struct TrackPlane : MapPlane {
   /// Half edge of the patch of the reference view that shows this surface alone; 0: not known.
   int radius_px = 0;
 };
