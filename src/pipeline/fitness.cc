@@ -81,7 +81,7 @@ std::string WhyUnfit(const CameraFitness& fitness, const FitnessOptions& options
   if (fitness.track_length < options.min_track_length) {
     return Format(
         "features do not last: %.1f images on average, limit %.1f: rain, snow or dirt on "
-        "the lens",
+        "the lens, or little but foliage to see",
         fitness.track_length, options.min_track_length);
   }
   return {};
