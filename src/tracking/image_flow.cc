@@ -8,14 +8,12 @@
 namespace scenecalib {
 namespace {
 
-/// Images wider than this are searched at half size, wider than thrice this at a quarter, ...
-constexpr int kFullSizeWidthPx = 640;
 /// Coarsest level: no narrower than this.
 constexpr int kMinWidthPx = 60;
 
-int BaseLevel(const cv::Mat& image) {
+int BaseLevel(const cv::Mat& image, int full_size_width_px) {
   int level = 0;
-  for (int width_px = image.cols; width_px > kFullSizeWidthPx; width_px /= 3) ++level;
+  for (int width_px = image.cols; width_px > full_size_width_px; width_px /= 3) ++level;
   return level;
 }
 
@@ -33,7 +31,7 @@ std::vector<cv::Point2f> ToPoints(const std::vector<Eigen::Vector2d>& pixels, do
 
 FlowPyramid BuildFlowPyramid(const cv::Mat& image, bool equalise, const FlowOptions& options) {
   FlowPyramid pyramid;
-  pyramid.base_level = BaseLevel(image);
+  pyramid.base_level = BaseLevel(image, options.full_size_width_px);
   cv::Mat base = image;
   for (int i = 0; i < pyramid.base_level; ++i) {
     cv::Mat half;

@@ -27,8 +27,6 @@ constexpr int kFixedCheckPeriod = 4;
 constexpr int kEdgeMemory = 8;
 /// Noise of a bilinear reading as a share of the pixels' own.
 constexpr double kBilinearNoise = 0.8;
-/// Two live tracks nearer than this follow the same thing: the younger ends.
-constexpr int kMergeDistancePx = 4;
 /// How far from its prediction by scene flow a lost feature is looked for.
 constexpr double kMaxRescueShiftPx = 10.0;
 /// A live track needs no final precision.
@@ -334,7 +332,8 @@ void LiveTracker::RemoveDuplicates(double scale, FrameTracking* frame) {
   });
   cv::Mat taken(static_cast<int>(domain_.rows / scale) + 1,
                 static_cast<int>(domain_.cols / scale) + 1, CV_8UC1, cv::Scalar(0));
-  const int radius = std::max(1, static_cast<int>(std::lround(kMergeDistancePx / scale)));
+  const int radius =
+      std::max(1, static_cast<int>(std::lround(options_.flow.merge_distance_px / scale)));
   std::vector<char> is_kept(active_.size(), 1);
   for (std::size_t i : order) {
     const Eigen::Vector2d pixel = active_[i].place.pixel / scale;

@@ -439,6 +439,29 @@ TEST(CameraTracker, ADriveLosesNoImage) {
   EXPECT_EQ(TrackStreet(Pinhole(), SmallOptions()).num_images_still, 0);
 }
 
+TEST(CameraTracker, FindsAndKeepsMoreTracksAtFullResolution) {
+  // 400 pixels are within full_size_width_px by default.
+  TrackingOptions half = SmallOptions(), full = SmallOptions();
+  half.detection.max_features = full.detection.max_features = 20000;
+  half.detection.min_distance_px = full.detection.min_distance_px = 1.0;
+  half.flow.full_size_width_px = 200;
+  full.flow.merge_distance_px = 1.5;
+  const CameraSegment reduced = TrackStreet(Pinhole(), half);
+  const CameraSegment dense = TrackStreet(Pinhole(), full);
+  EXPECT_GT(dense.tracks.size(), 2 * reduced.tracks.size());
+  std::vector<double> errors_px = TrueErrorsPx(*Pinhole(), dense.tracks);
+  std::sort(errors_px.begin(), errors_px.end());
+  EXPECT_LT(errors_px[errors_px.size() / 2], 0.2);
+}
+
+TEST(CameraTracker, EndsTracksThatRunIntoEachOther) {
+  TrackingOptions options = SmallOptions();
+  options.flow.merge_distance_px = 30.0;
+  const CameraSegment apart = TrackStreet(Pinhole(), options);
+  const CameraSegment usual = TrackStreet(Pinhole(), SmallOptions());
+  EXPECT_LT(2 * apart.tracks.size(), usual.tracks.size());
+}
+
 TEST(CameraTracker, TracksTheSameWhetherImagesAreInMemoryOrInFiles) {
   TrackingOptions options = SmallOptions();
   const CameraSegment in_memory = TrackStreet(Pinhole(), options);

@@ -14,8 +14,8 @@ struct DetectionOptions {
   double min_contrast = 6.0;
 
   void Visit(OptionVisitor& v) {
-    v.Field("max_features", &max_features, {50, 20000}, "live features aimed at in every image");
-    v.Field("min_distance_px", &min_distance_px, {3, 100}, "distance kept between two features");
+    v.Field("max_features", &max_features, {50, 200000}, "live features aimed at in every image");
+    v.Field("min_distance_px", &min_distance_px, {1, 100}, "distance kept between two features");
     v.Field("bucket_px", &bucket_px, {16, 1024}, "edge of a bucket that features are spread over");
     v.Field(
         "bucket_share", &bucket_share, {1, 100},
@@ -29,18 +29,21 @@ struct DetectionOptions {
 
 /// Following a feature from one image to the next, before it is registered precisely.
 struct FlowOptions {
+  int full_size_width_px = 640;
   int window_px = 17;
   int pyramid_levels = 3;
   double max_forward_backward_px = 1.5;
   double dark_mean = 45.0;
   int max_gap_images = 5;
+  double merge_distance_px = 4.0;
 
   void Visit(OptionVisitor& v) {
+    v.Field("full_size_width_px", &full_size_width_px, {100, 20000},
+            "images up to this wide are searched at their full resolution, up to thrice this at "
+            "half of it, ...; features are found there too");
     v.Field("window_px", &window_px, {5, 61}, "edge of the Lucas-Kanade window, reduced pixels");
-    v.Field(
-        "pyramid_levels", &pyramid_levels, {0, 8},
-        "pyramid levels above the finest one that is searched (full resolution for images up to "
-        "640 pixels wide, else half, a quarter, ...)");
+    v.Field("pyramid_levels", &pyramid_levels, {0, 8},
+            "pyramid levels above the finest one that is searched");
     v.Field("max_forward_backward_px", &max_forward_backward_px, {0.05, 20},
             "tracking there and back must return this close");
     v.Field("dark_mean", &dark_mean, {0, 255},
@@ -48,6 +51,8 @@ struct FlowOptions {
             "registration always uses the grey values as they came");
     v.Field("max_gap_images", &max_gap_images, {0, 100},
             "images over which a lost feature is looked for again");
+    v.Field("merge_distance_px", &merge_distance_px, {0.5, 100},
+            "two live tracks nearer than this follow the same thing: the younger ends");
   }
 };
 
