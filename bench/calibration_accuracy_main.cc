@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "bench/lidar_arguments.h"
 #include "bench/simulated_drive.h"
 #include "scenecalib/base/log.h"
 #include "scenecalib/evaluation/rig_comparison.h"
@@ -218,8 +219,7 @@ int main(int argc, char** argv) {
   app.add_option("--drive", arguments.drive.drive, "turns, gentle or straight");
   app.add_option("--duration", arguments.drive.duration_s, "seconds");
   app.add_option("--speed", arguments.drive.speed_m_s, "m/s");
-  app.add_option("--rings", arguments.drive.rings, "of the lidar");
-  app.add_option("--columns", arguments.drive.columns, "of the lidar");
+  scenecalib::AddLidarArguments(&app, &arguments.drive.lidar);
   app.add_option("--moving-cars", arguments.drive.num_moving_cars, "other cars that drive");
   app.add_option("--start-deg", arguments.drive.start.rotation_deg, "initial error per axis");
   app.add_option("--start-m", arguments.drive.start.translation_m, "initial error per axis");

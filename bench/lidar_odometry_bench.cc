@@ -29,8 +29,8 @@ const Recording* Record(int rings, int columns, benchmark::State* state) {
   if (known != recordings.end()) return &known->second;
   DriveSpec spec;
   spec.duration_s = 5.0;
-  spec.rings = rings;
-  spec.columns = columns;
+  spec.lidar.rings = rings;
+  spec.lidar.columns = columns;
   const Result<SimulatedDrive> drive = SimulatedDrive::Create(spec);
   if (!drive.ok()) {
     state->SkipWithError(drive.status().message().c_str());

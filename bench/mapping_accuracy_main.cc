@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "bench/lidar_arguments.h"
 #include "bench/simulated_drive.h"
 #include "scenecalib/evaluation/trajectory_error.h"
 #include "scenecalib/mapping/segment_mapper.h"
@@ -95,6 +96,7 @@ int main(int argc, char** argv) {
   app.add_option("--drive", arguments.drive.drive, "turns, gentle or straight");
   app.add_option("--duration", arguments.drive.duration_s, "seconds");
   app.add_option("--speed", arguments.drive.speed_m_s, "mean, m/s");
+  scenecalib::AddLidarArguments(&app, &arguments.drive.lidar);
   app.add_option("--cache", arguments.drive.cache_directory, "directory to keep the scans in");
   CLI11_PARSE(app, argc, argv);
   for (const std::string& world : arguments.worlds) {

@@ -70,8 +70,7 @@ SimulationOptions Options(const DriveSpec& spec) {
   options.world.num_moving_cars = spec.num_moving_cars;
   options.seed = spec.seed;
   options.duration_s = spec.duration_s;
-  options.lidar.rings = spec.rings;
-  options.lidar.columns = spec.columns;
+  options.lidar = spec.lidar;
   options.start = spec.start;
   return options;
 }
@@ -82,10 +81,16 @@ std::string Describe(const DriveSpec& spec) {
   char text[160];
   std::snprintf(text, sizeof(text), "%s/%s seed %d, %.0f s at %.0f m/s, %d x %d",
                 spec.world.c_str(), spec.drive.c_str(), spec.seed, spec.duration_s, spec.speed_m_s,
-                spec.rings, spec.columns);
+                spec.lidar.rings, spec.lidar.columns);
   std::string description = text;
   if (spec.num_moving_cars != DriveSpec().num_moving_cars) {
     description += ", " + std::to_string(spec.num_moving_cars) + " moving cars";
+  }
+  const SimulatedLidarOptions& lidar = spec.lidar;
+  if (lidar.ring_range_m > 0.0 || lidar.ring_angle_deg > 0.0 || lidar.beam_mrad > 0.0) {
+    std::snprintf(text, sizeof(text), ", lasers off by %.3f m and %.3f deg, beams of %.1f mrad",
+                  lidar.ring_range_m, lidar.ring_angle_deg, lidar.beam_mrad);
+    description += text;
   }
   return description;
 }

@@ -16,8 +16,7 @@ struct DriveSpec {
   std::string drive = "turns";
   int seed = 1;
   double duration_s = 10.0;
-  int rings = 64;
-  int columns = 1024;
+  SimulatedLidarOptions lidar;
   double speed_m_s = 8.0;
   int num_moving_cars = 3;
   std::string rig;  ///< rig file; empty: DefaultRig()

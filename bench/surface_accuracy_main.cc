@@ -16,6 +16,7 @@
 #include <string>
 #include <vector>
 
+#include "bench/lidar_arguments.h"
 #include "bench/simulated_drive.h"
 #include "scenecalib/association/track_association.h"
 #include "scenecalib/base/random.h"
@@ -352,6 +353,7 @@ int main(int argc, char** argv) {
   app.add_option("--drive", arguments.drive.drive, "turns, gentle or straight");
   app.add_option("--duration", arguments.drive.duration_s, "seconds");
   app.add_option("--speed", arguments.drive.speed_m_s, "mean, m/s");
+  scenecalib::AddLidarArguments(&app, &arguments.drive.lidar);
   app.add_option("--cache", arguments.drive.cache_directory, "directory to keep the scans in");
   app.add_flag("--true-trajectory", arguments.true_trajectory, "place the scans by the truth");
   app.add_option("--pixel-step", arguments.pixel_step, "every so many pixels have their ray cast");

@@ -36,7 +36,8 @@ enum Stream : std::uint64_t {
   kOdometry,
   kScan,
   kCamera,
-  kStart
+  kStart,
+  kLasers
 };
 
 Status CheckInputs(const Rig& rig, const SimulationOptions& options) {
@@ -96,6 +97,7 @@ struct Simulator::Impl {
              random.Fork(kRoad)),
         motion(road, options.drive, -margin_s, options.duration_s + margin_s, random.Fork(kDrive)),
         world(BuildWorld(options.world, road, options.drive.speed_m_s, random.Fork(kWorld))),
+        lasers(MakeLasers(options.lidar, random.Fork(kLasers))),
         own_vehicle(MakeOwnVehicle(options.lidar.height_m)) {}
 
   double RoadLengthBefore() const { return (1.0 + margin_s) * options.drive.speed_m_s; }
@@ -123,6 +125,7 @@ struct Simulator::Impl {
   const RoadCurve road;
   const VehicleMotion motion;
   World world;
+  const std::vector<Laser> lasers;
   const OwnVehicle own_vehicle;
   std::unique_ptr<SceneTracer> tracer;
   std::vector<CameraRenderer> renderers;
@@ -316,7 +319,7 @@ LidarScan Simulator::CastScan(int index) const {
   const std::uint64_t seed =
       impl.random.Fork(kScan).Fork(static_cast<std::uint64_t>(index)).NextBits();
   return CastLidarScan(
-      *impl.tracer, impl.options.lidar, outside,
+      *impl.tracer, impl.options.lidar, impl.lasers, outside,
       impl.scan_start_ns[static_cast<std::size_t>(index)], seed, [&impl](Timestamp stamp_ns) {
         return SceneInstant{impl.MapFromLidar(stamp_ns), impl.ObjectPoses(stamp_ns)};
       });

@@ -6,6 +6,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <opencv2/imgproc.hpp>
 #include <string>
 #include <utility>
@@ -98,29 +99,79 @@ TEST(Simulator, MakesEveryWorldAndDrive) {
   }
 }
 
-TEST(Simulator, CastsLidarPointsOntoTheTrueSurfacesWithinTheirNoise) {
-  SimulationOptions options = SmallOptions();
-  options.lidar.range_noise_m = 0.02;
-  const Simulator simulator = MakeSimulator(SmallRig(64), options);
-  const LidarScan scan = simulator.CastScan(1);
-  double sum2 = 0.0;
-  int count = 0;
+/// Ring and range error of the returns of a scan that are not of the own vehicle, m.
+std::vector<std::pair<std::uint16_t, double>> RangeErrors(const Simulator& simulator, int index) {
+  const LidarScan scan = simulator.CastScan(index);
+  std::vector<std::pair<std::uint16_t, double>> errors;
   for (const LidarPoint& point : scan.points) {
     const Timestamp stamp_ns = AddSeconds(scan.stamp_ns, point.time_offset_s);
     const Rigid3 map_from_lidar = *simulator.MapFromLidar(stamp_ns);
     const Eigen::Vector3d position = point.position_in_lidar_m.cast<double>();
-    if (position.norm() < 4.0) continue;  // may be the own vehicle
+    if (position.norm() < 4.0) continue;
     const auto truth = simulator.CastRay(stamp_ns, map_from_lidar.translation,
                                          map_from_lidar.rotation * position.normalized());
-    ASSERT_TRUE(truth.has_value());
-    const double error_m = position.norm() - truth->range_m;
+    if (truth) errors.emplace_back(point.ring, position.norm() - truth->range_m);
+  }
+  return errors;
+}
+
+TEST(Simulator, CastsLidarPointsOntoTheTrueSurfacesWithinTheirNoise) {
+  SimulationOptions options = SmallOptions();
+  options.lidar.range_noise_m = 0.02;
+  const Simulator simulator = MakeSimulator(SmallRig(64), options);
+  const auto errors = RangeErrors(simulator, 1);
+  double sum2 = 0.0;
+  int count = 0;
+  for (const auto& [ring, error_m] : errors) {
     // A rounding of the direction may miss an edge; such rays say nothing about the noise.
     if (std::abs(error_m) > 0.2) continue;
     sum2 += error_m * error_m;
     ++count;
   }
-  EXPECT_GT(count, static_cast<int>(scan.points.size()) / 2);
+  EXPECT_GT(count, static_cast<int>(errors.size()) / 2);
   EXPECT_NEAR(std::sqrt(sum2 / count), 0.02, 0.002);
+}
+
+TEST(Simulator, EveryLaserKeepsItsOwnRangeError) {
+  SimulationOptions options = SmallOptions();
+  options.lidar.range_noise_m = 0.002;
+  options.lidar.ring_range_m = 0.03;
+  const Simulator simulator = MakeSimulator(SmallRig(64), options);
+  std::map<std::uint16_t, std::vector<double>> errors_of_ring[2];
+  for (int scan = 0; scan < 2; ++scan) {
+    for (const auto& [ring, error_m] : RangeErrors(simulator, scan)) {
+      errors_of_ring[scan][ring].push_back(error_m);
+    }
+  }
+  const auto median = [](std::vector<double> values) {
+    std::nth_element(values.begin(), values.begin() + values.size() / 2, values.end());
+    return values[values.size() / 2];
+  };
+  double sum2 = 0.0;
+  int count = 0;
+  for (const auto& [ring, errors_m] : errors_of_ring[0]) {
+    const std::vector<double>& again_m = errors_of_ring[1][ring];
+    if (errors_m.size() < 20 || again_m.size() < 20) continue;
+    EXPECT_NEAR(median(errors_m), median(again_m), 0.002) << "ring " << ring;
+    sum2 += median(errors_m) * median(errors_m);
+    ++count;
+  }
+  ASSERT_GT(count, 8);
+  EXPECT_NEAR(std::sqrt(sum2 / count), 0.03, 0.015);
+}
+
+TEST(Simulator, WideBeamsMeasureInBetweenAtEdges) {
+  const auto count_between = [](double beam_mrad) {
+    SimulationOptions options = SmallOptions();
+    options.lidar.range_noise_m = 0.002;
+    options.lidar.beam_mrad = beam_mrad;
+    const Simulator simulator = MakeSimulator(SmallRig(64), options);
+    const auto errors = RangeErrors(simulator, 1);
+    return std::count_if(errors.begin(), errors.end(), [](const auto& error) {
+      return std::abs(error.second) > 0.05 && std::abs(error.second) < 0.6;
+    });
+  };
+  EXPECT_GT(count_between(4.0), count_between(0.0) + 20);
 }
 
 TEST(Simulator, SchedulesEverySensorInOrderWithinTheRecording) {

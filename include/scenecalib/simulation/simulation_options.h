@@ -54,6 +54,9 @@ struct SimulatedLidarOptions {
   double min_range_m = 0.5;
   double max_range_m = 120.0;
   double range_noise_m = 0.02;
+  double ring_range_m = 0.0;
+  double ring_angle_deg = 0.0;
+  double beam_mrad = 0.0;
   double dropout = 0.01;
   double height_m = 1.9;
 
@@ -66,6 +69,12 @@ struct SimulatedLidarOptions {
     v.Field("min_range_m", &min_range_m, {0.0, 10.0}, "nearer returns are not reported");
     v.Field("max_range_m", &max_range_m, {5.0, 500.0}, "farther returns are not reported");
     v.Field("range_noise_m", &range_noise_m, {0.0, 0.5}, "standard deviation along the ray");
+    v.Field("ring_range_m", &ring_range_m, {0.0, 0.5},
+            "deviation of what a laser always measures too far or too near");
+    v.Field("ring_angle_deg", &ring_angle_deg, {0.0, 2.0},
+            "deviation of a laser's elevation and azimuth from what the lidar reports");
+    v.Field("beam_mrad", &beam_mrad, {0.0, 20.0},
+            "the beam's divergence: what it meets at an edge is measured in between");
     v.Field("dropout", &dropout, {0.0, 0.9},
             "share of points lost at random; grazing and dark surfaces lose more");
     v.Field("height_m", &height_m, {0.3, 5.0}, "of the lidar above the road");
