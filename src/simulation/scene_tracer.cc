@@ -1,6 +1,7 @@
 #include "scenecalib/simulation/scene_tracer.h"
 
 #include <embree3/rtcore.h>
+#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <cmath>
@@ -48,6 +49,13 @@ void AttachMesh(RTCDevice device, RTCScene scene, const Mesh& mesh, const Keep& 
   rtcCommitGeometry(geometry);
   rtcAttachGeometry(scene, geometry);
   rtcReleaseGeometry(geometry);
+}
+
+/// With one building thread: the tree, and so which of two equally near triangles is met, does not
+/// depend on the machine's threads. The device's own number of threads would bind the whole process.
+void CommitScene(RTCScene scene) {
+  tbb::task_arena one(1);
+  one.execute([scene] { rtcCommitScene(scene); });
 }
 
 ScenePtr NewScene(RTCDevice device) {
@@ -141,29 +149,27 @@ SceneTracer& SceneTracer::operator=(SceneTracer&&) noexcept = default;
 Result<SceneTracer> SceneTracer::Create(Mesh world, const Mesh& shadow_mesh,
                                         std::vector<Mesh> objects) {
   auto impl = std::make_unique<Impl>();
-  // One building thread: the tree, and so which of two equally near triangles is met, does not
-  // depend on the machine's threads.
-  impl->device.reset(rtcNewDevice("threads=1"));
+  impl->device.reset(rtcNewDevice(nullptr));
   if (!impl->device) return Status::Unavailable("Embree cannot open its device");
   RTCDevice device = impl->device.get();
   impl->world = std::move(world);
   impl->scene = NewScene(device);
   const auto all = [](std::size_t) { return true; };
   AttachMesh(device, impl->scene.get(), impl->world, all);
-  rtcCommitScene(impl->scene.get());
+  CommitScene(impl->scene.get());
   impl->shadow_scene = NewScene(device);
   const Mesh& mesh = impl->world;
   AttachMesh(device, impl->shadow_scene.get(), mesh, [&mesh](std::size_t i) {
     return mesh.surfaces()[mesh.textures()[i].surface].material != Material::kLeaves;
   });
   AttachMesh(device, impl->shadow_scene.get(), shadow_mesh, all);
-  rtcCommitScene(impl->shadow_scene.get());
+  CommitScene(impl->shadow_scene.get());
   for (Mesh& object : objects) {
     MovingMesh moving;
     moving.mesh = std::move(object);
     moving.scene = NewScene(device);
     AttachMesh(device, moving.scene.get(), moving.mesh, all);
-    rtcCommitScene(moving.scene.get());
+    CommitScene(moving.scene.get());
     FindSphere(&moving);
     impl->objects.push_back(std::move(moving));
   }
