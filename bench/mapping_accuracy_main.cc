@@ -10,6 +10,7 @@
 #include "bench/lidar_arguments.h"
 #include "bench/simulated_drive.h"
 #include "scenecalib/evaluation/trajectory_error.h"
+#include "scenecalib/io/options_yaml.h"
 #include "scenecalib/mapping/segment_mapper.h"
 
 namespace scenecalib {
@@ -21,6 +22,7 @@ struct Arguments {
   std::vector<std::string> worlds = {"street", "suburb", "plaza"};
   std::vector<int> seeds = {1};
   DriveSpec drive;
+  MappingOptions mapping;
 };
 
 struct Priors {
@@ -28,11 +30,12 @@ struct Priors {
   bool odometry = true;
 };
 
-Result<MappingResult> Map(const SimulatedDrive& drive, const Priors& priors) {
+Result<MappingResult> Map(const SimulatedDrive& drive, const MappingOptions& options,
+                          const Priors& priors) {
   Rig rig = drive.rig();
   if (!priors.imu) rig.imu.reset();
   if (!priors.odometry) rig.odometry.reset();
-  SegmentMapper mapper(rig, MappingOptions());
+  SegmentMapper mapper(rig, options);
   if (priors.imu) {
     for (const ImuSample& sample : drive.imu()) mapper.AddImu(sample);
   }
@@ -60,21 +63,22 @@ Status ReportTrajectory(const SimulatedDrive& drive, const MappingResult& result
     std::printf("  %.1f s: %.2f mm %.4f deg", sigma.window_s, 1e3 * sigma.translation_m,
                 kDegrees * sigma.rotation_rad);
   }
-  std::printf("; surfel thickness %.2f -> %.2f mm\n", 1e3 * result.report.thickness_before_m,
-              1e3 * result.report.thickness_after_m);
+  std::printf("; surfel thickness %.2f -> %.2f mm; lasers moved by %.1f mm, %.4f deg\n",
+              1e3 * result.report.thickness_before_m, 1e3 * result.report.thickness_after_m,
+              1e3 * result.report.laser_range_m, kDegrees * result.report.laser_elevation_rad);
   const auto drift =
       CompareDrift(drive.simulator().true_map_from_lidar(), result.map.map_from_lidar, 300.0);
   if (drift.ok()) std::printf("  drift over 300 m: %.4f %%\n", 100.0 * drift->translation_share);
   return Status::Ok();
 }
 
-Status Run(const DriveSpec& spec) {
+Status Run(const DriveSpec& spec, const MappingOptions& options) {
   const Result<SimulatedDrive> drive = SimulatedDrive::Create(spec);
   if (!drive.ok()) return drive.status();
   for (const Priors& priors : {Priors{true, true}, Priors{true, false}, Priors{false, false}}) {
     std::printf("%s, %s IMU, %s odometry\n", Describe(spec).c_str(), priors.imu ? "with" : "no",
                 priors.odometry ? "with" : "no");
-    const Result<MappingResult> result = Map(*drive, priors);
+    const Result<MappingResult> result = Map(*drive, options, priors);
     if (!result.ok()) return result.status();
     for (const std::string& warning : result->report.warnings) {
       std::printf("  %s\n", warning.c_str());
@@ -98,12 +102,21 @@ int main(int argc, char** argv) {
   app.add_option("--speed", arguments.drive.speed_m_s, "mean, m/s");
   scenecalib::AddLidarArguments(&app, &arguments.drive.lidar);
   app.add_option("--cache", arguments.drive.cache_directory, "directory to keep the scans in");
+  std::string config;
+  app.add_option("--config", config, "options of the mapping, YAML");
   CLI11_PARSE(app, argc, argv);
+  if (!config.empty()) {
+    const scenecalib::Status status = scenecalib::ReadOptionsYaml(config, &arguments.mapping);
+    if (!status.ok()) {
+      std::fprintf(stderr, "%s\n", status.message().c_str());
+      return 1;
+    }
+  }
   for (const std::string& world : arguments.worlds) {
     for (const int seed : arguments.seeds) {
       arguments.drive.world = world;
       arguments.drive.seed = seed;
-      const scenecalib::Status status = scenecalib::Run(arguments.drive);
+      const scenecalib::Status status = scenecalib::Run(arguments.drive, arguments.mapping);
       if (!status.ok()) {
         std::fprintf(stderr, "%s\n", status.message().c_str());
         return 1;

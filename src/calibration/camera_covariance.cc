@@ -160,6 +160,16 @@ SparseMatrix SpreadOfPriors(const CalibrationProblem& p, SparseMatrix prior,
   return prior;
 }
 
+/// A constant error of the lidar's poses is one of every camera's, in any axes.
+CameraMatrix OfLidarFrame(const CorrectionPrior& prior) {
+  CameraMatrix covariance = CameraMatrix::Zero();
+  for (int i = 0; i < 3; ++i) {
+    covariance(i, i) = prior.frame_translation_m * prior.frame_translation_m;
+    covariance(3 + i, 3 + i) = prior.frame_rotation_rad * prior.frame_rotation_rad;
+  }
+  return covariance;
+}
+
 /// Standard deviations by the largest of the covariances, parameter by parameter, and the
 /// correlation of their sum.
 CameraStddev StddevOf(std::initializer_list<CameraMatrix> covariances) {
@@ -233,8 +243,9 @@ Result<CalibrationUncertainty> CalibrationProblem::EstimateUncertainty() const {
     const CameraMatrix of_prior = prior_share.transpose() * prior_share;
     const Eigen::MatrixXd by_misfits = pick.transpose() * misfits.response;
     const CameraMatrix of_held = by_misfits * misfit_errors * by_misfits.transpose();
-    const CameraMatrix of_others = of_prior + of_held;
-    const CameraMatrix formal = kCommonErrors * pick.transpose() * inverse + of_held;
+    const CameraMatrix of_outside = of_held + OfLidarFrame(correction_prior);
+    const CameraMatrix of_others = of_prior + of_outside;
+    const CameraMatrix formal = kCommonErrors * pick.transpose() * inverse + of_outside;
     const CameraMatrix over_seconds =
         kCommonErrors * FewClusters(spread.cols()) * spread * spread.transpose() + of_others;
     const CameraMatrix over_surfaces =

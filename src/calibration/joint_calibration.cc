@@ -166,6 +166,8 @@ CorrectionPrior CorrectionPriorOf(const SceneMap& map, const JointOptions& optio
   CorrectionPrior prior;
   prior.walk_rotation_rad = kRadPerDeg * options.correction_walk_rotation_deg;
   prior.walk_translation_m = options.correction_walk_translation_m;
+  prior.frame_rotation_rad = map.lidar_frame.rotation_rad;
+  prior.frame_translation_m = map.lidar_frame.translation_m;
   // Of a random walk, the error over one second is the rate itself.
   const RelativeMotionSigma* nearest = nullptr;
   for (const RelativeMotionSigma& sigma : map.relative_motion) {

@@ -26,15 +26,17 @@ constexpr std::int64_t kCellOffset = 1 << 17;  // 18 bits per axis: 100 km of 0.
 struct CellSum {
   std::uint64_t cell = 0;  ///< Morton code, so that an octree node is a contiguous range
   std::int32_t bin = 0;
+  std::int32_t laser = 0;  ///< first node of LaserCorrection::Place, if lasers are told apart
   float count = 0.0F;
-  float seconds = 0.0F;  ///< sum of times after the bin's start
+  float seconds = 0.0F;        ///< sum of times after the bin's start
+  float share_of_next = 0.0F;  ///< sum, likewise
   Eigen::Vector3f sum = Eigen::Vector3f::Zero();
   std::array<float, 6> outer{};  ///< xx, xy, xz, yy, yz, zz
 
-  void Add(const Eigen::Vector3d& offset, double seconds_in_bin) {
-    const Eigen::Vector3f o = offset.cast<float>();
+  void Add(const Eigen::Vector3f& o, float seconds_in_bin, float share) {
     count += 1.0F;
-    seconds += static_cast<float>(seconds_in_bin);
+    seconds += seconds_in_bin;
+    share_of_next += share;
     sum += o;
     outer[0] += o.x() * o.x();
     outer[1] += o.x() * o.y();
@@ -53,8 +55,11 @@ struct CellSum {
   }
 };
 
-bool Before(const CellSum& a, const CellSum& b) {
-  return a.cell != b.cell ? a.cell < b.cell : a.bin < b.bin;
+/// Of cells, or of points that are to be summed into them.
+template <typename T>
+bool Before(const T& a, const T& b) {
+  if (a.cell != b.cell) return a.cell < b.cell;
+  return a.bin != b.bin ? a.bin < b.bin : a.laser < b.laser;
 }
 
 std::uint64_t SpreadBits(std::uint64_t x) {
@@ -84,23 +89,39 @@ Eigen::Vector3d CellCenter(std::uint64_t cell, double size_m) {
   return center;
 }
 
+/// How points are placed.
+struct Placement {
+  const LaserCorrection& lasers;
+  bool by_laser;
+  const PoseTable& table;
+};
+
 /// The cells of one scan.
-std::vector<CellSum> SumCells(const PackedScan& scan, const PoseTable& table, std::size_t stride,
-                              std::size_t phase, const RefinementOptions& options) {
+std::vector<CellSum> SumCells(const PackedScan& scan, const Placement& placement,
+                              std::size_t stride, std::size_t phase,
+                              const RefinementOptions& options) {
   struct Placed {
     std::uint64_t cell;
     std::int32_t bin;
+    std::int32_t laser;
     float seconds_in_bin;
+    float share_of_next;
     Eigen::Vector3f offset;
   };
+  const PoseTable& table = placement.table;
   const double stamp_s = SecondsBetween(table.start_ns(), scan.stamp_ns());
   std::vector<Placed> placed;
   placed.reserve(scan.size() / stride + 1);
   for (std::size_t i = phase; i < scan.size(); i += stride) {
     const double seconds = stamp_s + scan.time_offset_s(i);
-    const Eigen::Vector3d in_map = table.Place(scan.position_in_lidar_m(i).cast<double>(), seconds);
+    const Eigen::Vector3d in_lidar = scan.position_in_lidar_m(i).cast<double>();
+    const Eigen::Vector3d in_map = table.Place(placement.lasers.Apply(in_lidar), seconds);
+    LaserCorrection::Place lasers;
+    if (placement.by_laser) lasers = placement.lasers.PlaceOf(in_lidar);
     Placed p;
     p.cell = 0;
+    p.laser = lasers.first;
+    p.share_of_next = static_cast<float>(lasers.share_of_next);
     for (int axis = 0; axis < 3; ++axis) {
       const auto index =
           static_cast<std::int64_t>(std::floor(in_map[axis] / options.finest_patch_m));
@@ -112,29 +133,29 @@ std::vector<CellSum> SumCells(const PackedScan& scan, const PoseTable& table, st
     p.seconds_in_bin = static_cast<float>(seconds - p.bin * options.time_bin_s);
     placed.push_back(p);
   }
-  std::stable_sort(placed.begin(), placed.end(), [](const Placed& a, const Placed& b) {
-    return a.cell != b.cell ? a.cell < b.cell : a.bin < b.bin;
-  });
+  std::stable_sort(placed.begin(), placed.end(), Before<Placed>);
   std::vector<CellSum> cells;
   for (const Placed& p : placed) {
-    if (cells.empty() || cells.back().cell != p.cell || cells.back().bin != p.bin) {
+    if (cells.empty() || cells.back().cell != p.cell || cells.back().bin != p.bin ||
+        cells.back().laser != p.laser) {
       cells.emplace_back();
       cells.back().cell = p.cell;
       cells.back().bin = p.bin;
+      cells.back().laser = p.laser;
     }
-    cells.back().Add(p.offset.cast<double>(), p.seconds_in_bin);
+    cells.back().Add(p.offset, p.seconds_in_bin, p.share_of_next);
   }
   return cells;
 }
 
 std::vector<CellSum> SumAllCells(const std::vector<const PackedScan*>& scans,
-                                 const PoseTable& table, const RefinementOptions& options) {
+                                 const Placement& placement, const RefinementOptions& options) {
   std::size_t num_points = 0;
   for (const PackedScan* scan : scans) num_points += scan->size();
   const std::size_t stride = num_points / static_cast<std::size_t>(options.max_points) + 1;
   std::vector<std::vector<CellSum>> of_scan(scans.size());
   tbb::parallel_for(std::size_t{0}, scans.size(), [&](std::size_t i) {
-    of_scan[i] = SumCells(*scans[i], table, stride, i % stride, options);
+    of_scan[i] = SumCells(*scans[i], placement, stride, i % stride, options);
   });
   std::vector<CellSum> cells;
   for (auto& some : of_scan) {
@@ -144,7 +165,7 @@ std::vector<CellSum> SumAllCells(const std::vector<const PackedScan*>& scans,
   // Consecutive scans may share a bin: a total order, so that the result does not depend on
   // threads.
   tbb::parallel_sort(cells.begin(), cells.end(), [](const CellSum& a, const CellSum& b) {
-    if (a.cell != b.cell || a.bin != b.bin) return Before(a, b);
+    if (a.cell != b.cell || a.bin != b.bin || a.laser != b.laser) return Before(a, b);
     return std::tie(a.seconds, a.count, a.sum.x()) < std::tie(b.seconds, b.count, b.sum.x());
   });
   return cells;
@@ -247,16 +268,23 @@ class PatchFinder {
     patch->sigma_m = plane.sigma_m[0];
     std::vector<std::size_t> order(end - begin);
     for (std::size_t i = begin; i < end; ++i) order[i - begin] = i;
+    const auto is_other = [this](std::size_t a, std::size_t b) {
+      return cells_[a].bin != cells_[b].bin || cells_[a].laser != cells_[b].laser;
+    };
     std::stable_sort(order.begin(), order.end(), [this](std::size_t a, std::size_t b) {
-      return cells_[a].bin < cells_[b].bin;
+      return cells_[a].bin != cells_[b].bin ? cells_[a].bin < cells_[b].bin
+                                            : cells_[a].laser < cells_[b].laser;
     });
     for (std::size_t i = 0; i < order.size();) {
       PointMoments moments;
       double seconds = 0.0;
-      const std::int32_t bin = cells_[order[i]].bin;
-      for (; i < order.size() && cells_[order[i]].bin == bin; ++i) {
+      double share_of_next = 0.0;
+      const std::size_t first = order[i];
+      const std::int32_t bin = cells_[first].bin;
+      for (; i < order.size() && !is_other(first, order[i]); ++i) {
         moments.Add(MomentsAbout(order[i], patch->center_m));
         seconds += cells_[order[i]].seconds;
+        share_of_next += cells_[order[i]].share_of_next;
       }
       const Eigen::Matrix3d outer = patch->axes.transpose() * moments.outer * patch->axes;
       const Eigen::Vector3d sum = patch->axes.transpose() * moments.sum;
@@ -265,6 +293,7 @@ class PatchFinder {
       observation.information << moments.count, sum[0], sum[1], sum[0], outer(0, 0), outer(0, 1),
           sum[1], outer(0, 1), outer(1, 1);
       observation.gradient << sum[2], outer(0, 2), outer(1, 2);
+      observation.lasers = {cells_[first].laser, share_of_next / moments.count};
       patch->observations.push_back(observation);
     }
     return static_cast<int>(patch->observations.size()) >= kMinObservations &&
@@ -331,9 +360,11 @@ double MedianThickness(const std::vector<PlanePatch>& patches) {
 }
 
 std::vector<PlanePatch> FindPlanePatches(const std::vector<const PackedScan*>& scans,
+                                         const LaserCorrection& lasers, bool by_laser,
                                          const PoseTable& map_from_lidar,
                                          const RefinementOptions& options) {
-  const std::vector<CellSum> cells = SumAllCells(scans, map_from_lidar, options);
+  const std::vector<CellSum> cells =
+      SumAllCells(scans, {lasers, by_laser, map_from_lidar}, options);
   const int root_level = options.num_patch_scales - 1;
   std::vector<std::size_t> roots;
   for (std::size_t i = 0; i < cells.size(); ++i) {

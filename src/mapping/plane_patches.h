@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "pose_table.h"
+#include "scenecalib/mapping/laser_correction.h"
 #include "scenecalib/mapping/packed_scan.h"
 #include "scenecalib/mapping/trajectory_refiner.h"
 
@@ -17,6 +18,8 @@ struct PatchObservation {
   Eigen::Matrix3d information = Eigen::Matrix3d::Zero();  ///< sum of a a^T
   Eigen::Vector3d gradient = Eigen::Vector3d::Zero();     ///< sum of a d
   double weight = 0.0;                                    ///< 1 / m^2, robust
+  /// Which lasers saw them (where that is asked for): mean over the points.
+  LaserCorrection::Place lasers;
   double count() const { return information(0, 0); }
 };
 
@@ -31,8 +34,10 @@ struct PlanePatch {
 /// Finds planar patches in an octree over all points, placed by the trajectory; coarse cells are
 /// split where one plane is not enough. Weights are robust and account for each patch's thickness
 /// and, with the estimated `unevenness`, for what more points of the same patch cannot average out.
-/// In a fixed order, whatever the number of threads.
+/// Points are placed as `lasers` corrects them; `by_laser` sums the points of different lasers into
+/// different observations. In a fixed order, whatever the number of threads.
 std::vector<PlanePatch> FindPlanePatches(const std::vector<const PackedScan*>& scans,
+                                         const LaserCorrection& lasers, bool by_laser,
                                          const PoseTable& map_from_lidar,
                                          const RefinementOptions& options);
 

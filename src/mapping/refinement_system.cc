@@ -7,12 +7,44 @@
 
 namespace scenecalib {
 
-RefinementSystem::RefinementSystem(int num_controls) : num_controls_(num_controls) {
-  band_.blocks.resize(num_controls);
-  for (auto& row : band_.blocks) row.fill(Matrix6d::Zero());
-  band_.gradient = Eigen::VectorXd::Zero(num_unknowns());
+void RefinementSystem::Band::Resize(int num_controls, int num_unknowns, int num_laser_unknowns) {
+  blocks.resize(num_controls);
+  for (auto& row : blocks) row.fill(Matrix6d::Zero());
+  gradient = Eigen::VectorXd::Zero(num_unknowns);
+  lasers.resize(num_laser_unknowns / 3);
+  for (auto& row : lasers) row.fill(Eigen::Matrix3d::Zero());
+}
+
+RefinementSystem::RefinementSystem(int num_controls, int num_laser_unknowns)
+    : num_controls_(num_controls), num_laser_unknowns_(num_laser_unknowns) {
+  band_.Resize(num_controls, num_unknowns(), num_laser_unknowns);
   border_.assign(num_controls, Eigen::Matrix<double, kPose, kNumGlobals>::Zero());
   corner_.setZero();
+}
+
+void RefinementSystem::AddToPoses(const Coupling& coupling, const Vector6d& by_pose,
+                                  Eigen::VectorXd* sum) {
+  double* pose = sum->data() + kPose * coupling.first;
+  for (int j = 0; j < 4; ++j) {
+    Eigen::Map<Vector6d>(pose + kPose * j) += coupling.weight[j] * by_pose;
+  }
+}
+
+void RefinementSystem::AddToLasers(const Coupling& coupling, double by_distance,
+                                   Eigen::VectorXd* sum) const {
+  const Eigen::Vector3d by_laser = by_distance * coupling.distance_by_laser;
+  double* node = sum->data() + laser_offset() + 3 * coupling.lasers.first;
+  Eigen::Map<Eigen::Vector3d> first(node), next(node + 3);
+  first += (1.0 - coupling.lasers.share_of_next) * by_laser;
+  next += coupling.lasers.share_of_next * by_laser;
+}
+
+double RefinementSystem::DistanceByLasers(const Coupling& coupling,
+                                          const Eigen::VectorXd& x) const {
+  const double* node = x.data() + laser_offset() + 3 * coupling.lasers.first;
+  const Eigen::Map<const Eigen::Vector3d> first(node), next(node + 3);
+  return (1.0 - coupling.lasers.share_of_next) * coupling.distance_by_laser.dot(first) +
+         coupling.lasers.share_of_next * coupling.distance_by_laser.dot(next);
 }
 
 void RefinementSystem::AddPatch(const PoseSpline& spline, const PlanePatch& patch,
@@ -50,6 +82,24 @@ void RefinementSystem::AddPatch(const PoseSpline& spline, const PlanePatch& patc
         band->blocks[basis.first + i][j - i] += basis.weight[i] * basis.weight[j] * hessian;
       }
     }
+    if (num_laser_unknowns_ > 0) {
+      const Eigen::Vector2d mean = o.information.block<2, 1>(1, 0) / o.count();
+      const Eigen::Vector3d point = patch.center_m + patch.axes.leftCols<2>() * mean - lidar_in_map;
+      const Eigen::Matrix3d map_from_lidar = spline.PoseAt(o.seconds).RotationMatrix();
+      coupling.lasers = o.lasers;
+      coupling.distance_by_laser =
+          LaserCorrection::JacobianAt(map_from_lidar.transpose() * point).transpose() *
+          (map_from_lidar.transpose() * normal);
+      coupling.plane_by_distance = o.weight * o.information.col(0);
+      const double next = o.lasers.share_of_next;
+      const Eigen::Matrix3d square = o.weight * o.count() * coupling.distance_by_laser *
+                                     coupling.distance_by_laser.transpose();
+      auto& row = band->lasers[o.lasers.first];
+      row[0] += (1.0 - next) * (1.0 - next) * square;
+      row[1] += next * (1.0 - next) * square;
+      band->lasers[o.lasers.first + 1][0] += next * next * square;
+      AddToLasers(coupling, o.weight * o.gradient[0], &band->gradient);
+    }
     information += o.weight * o.information;
     plane_gradient += o.weight * o.gradient;
     couplings->push_back(coupling);
@@ -63,6 +113,9 @@ void RefinementSystem::AddPatch(const PoseSpline& spline, const PlanePatch& patc
     for (int j = 0; j < 4; ++j) {
       band->gradient.segment<kPose>(kPose * (coupling.first + j)) -= coupling.weight[j] * gradient;
     }
+    if (num_laser_unknowns_ > 0) {
+      AddToLasers(coupling, -coupling.plane_by_distance.dot(plane_step), &band->gradient);
+    }
   }
   terms->push_back(term);
 }
@@ -73,9 +126,7 @@ void RefinementSystem::AddPatches(const PoseSpline& spline, const std::vector<Pl
   std::array<Band, kNumChunks> bands;
   tbb::parallel_for(std::size_t{0}, kNumChunks, [&](std::size_t chunk) {
     Band& band = bands[chunk];
-    band.blocks.resize(num_controls_);
-    for (auto& row : band.blocks) row.fill(Matrix6d::Zero());
-    band.gradient = Eigen::VectorXd::Zero(num_unknowns());
+    band.Resize(num_controls_, num_unknowns(), num_laser_unknowns_);
     const std::size_t begin = patches.size() * chunk / kNumChunks;
     const std::size_t end = patches.size() * (chunk + 1) / kNumChunks;
     for (std::size_t i = begin; i < end; ++i) {
@@ -87,6 +138,9 @@ void RefinementSystem::AddPatches(const PoseSpline& spline, const std::vector<Pl
     band_.gradient += band.gradient;
     for (int k = 0; k < num_controls_; ++k) {
       for (int j = 0; j < 4; ++j) band_.blocks[k][j] += band.blocks[k][j];
+    }
+    for (std::size_t i = 0; i < band.lasers.size(); ++i) {
+      for (int j = 0; j < 2; ++j) band_.lasers[i][j] += band.lasers[i][j];
     }
   }
 }
@@ -102,13 +156,44 @@ void RefinementSystem::AddResidual(int first,
     border_[first + i] += left * global;
     for (int j = i; j < 4; ++j) band_.blocks[first + i][j - i] += left * pose[j];
   }
-  band_.gradient.tail<kNumGlobals>() += global.transpose() * weighted;
+  band_.gradient.segment<kNumGlobals>(global_offset()) += global.transpose() * weighted;
   corner_ += global.transpose() * weight.asDiagonal() * global;
 }
 
 void RefinementSystem::AddPrior(int unknown, double residual, double weight) {
-  priors_.emplace_back(unknown, weight);
+  priors_.emplace_back(unknown, unknown, weight);
   band_.gradient[unknown] += weight * residual;
+}
+
+void RefinementSystem::AddLaserPriors(const LaserCorrection& lasers) {
+  // What all points would say of a laser if poses and planes were known, and the share of it that
+  // a step is held back by: what the data tell clearly comes out in two rounds, while bumps of the
+  // ground, which every scan sees alike, would pass for lasers' errors that bend the drive
+  // (docs/math.md).
+  constexpr double kShareOfInformation = 0.5;
+  // Means over all points: the sensor's frame is about its lasers' mean, and a turn about its axis
+  // is no error.
+  const LaserCorrection::Errors mean_sigma(1e-4, 1e-6, 1e-6);  // m, rad, rad
+  const auto& nodes = lasers.nodes();
+  Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
+  for (const auto& node : band_.lasers) information += node[0];
+  const Eigen::Vector3d weight =
+      kShareOfInformation / static_cast<double>(nodes.size()) * information.diagonal();
+  LaserCorrection::Errors mean = LaserCorrection::Errors::Zero();
+  for (const LaserCorrection::Node& node : nodes) mean += node.share * node.errors;
+  for (int axis = 0; axis < 3; ++axis) {
+    const double mean_weight = std::pow(mean_sigma[axis], -2);
+    const auto unknown = [&](std::size_t node) {
+      return laser_offset() + 3 * static_cast<int>(node) + axis;
+    };
+    for (std::size_t i = 0; i < nodes.size(); ++i) {
+      AddPrior(unknown(i), 0.0, weight[axis]);
+      band_.gradient[unknown(i)] += mean_weight * nodes[i].share * mean[axis];
+      for (std::size_t j = 0; j <= i; ++j) {
+        priors_.emplace_back(unknown(i), unknown(j), mean_weight * nodes[i].share * nodes[j].share);
+      }
+    }
+  }
 }
 
 Eigen::SparseMatrix<double> RefinementSystem::FixedPlaneMatrix() const {
@@ -134,7 +219,19 @@ Eigen::SparseMatrix<double> RefinementSystem::FixedPlaneMatrix() const {
       triplets.emplace_back(global_offset() + b, global_offset() + a, corner_(a, b));
     }
   }
-  for (const auto& [unknown, weight] : priors_) triplets.emplace_back(unknown, unknown, weight);
+  for (std::size_t i = 0; i < band_.lasers.size(); ++i) {
+    const int offset = laser_offset() + 3 * static_cast<int>(i);
+    for (int a = 0; a < 3; ++a) {
+      for (int b = a; b < 3; ++b) {
+        triplets.emplace_back(offset + b, offset + a, band_.lasers[i][0](a, b));
+      }
+      if (i + 1 == band_.lasers.size()) continue;
+      for (int b = 0; b < 3; ++b) {
+        triplets.emplace_back(offset + 3 + b, offset + a, band_.lasers[i][1](a, b));
+      }
+    }
+  }
+  triplets.insert(triplets.end(), priors_.begin(), priors_.end());
   Eigen::SparseMatrix<double> matrix(num_unknowns(), num_unknowns());
   matrix.setFromTriplets(triplets.begin(), triplets.end());
   return matrix;
@@ -155,15 +252,19 @@ Eigen::VectorXd RefinementSystem::ApplyCoupling(const Eigen::VectorXd& x) const 
           moved += coupling.weight[j] * Eigen::Map<const Vector6d>(pose + kPose * j);
         }
         plane += coupling.plane_by_pose * moved;
+        if (num_laser_unknowns_ == 0) continue;
+        // Beside the planes, what poses and lasers have in common; it is not in the band.
+        const double distance = DistanceByLasers(coupling, x);
+        plane += coupling.plane_by_distance * distance;
+        AddToPoses(coupling, -coupling.plane_by_pose.row(0).transpose() * distance, &sum);
+        AddToLasers(coupling, -coupling.plane_by_pose.row(0).dot(moved), &sum);
       }
       plane = term.inverse_information * plane;
       for (std::size_t c = term.begin; c < term.end; ++c) {
         const Coupling& coupling = couplings_[chunk][c];
-        const Vector6d back = coupling.plane_by_pose.transpose() * plane;
-        double* pose = sum.data() + kPose * coupling.first;
-        for (int j = 0; j < 4; ++j) {
-          Eigen::Map<Vector6d>(pose + kPose * j) += coupling.weight[j] * back;
-        }
+        AddToPoses(coupling, coupling.plane_by_pose.transpose() * plane, &sum);
+        if (num_laser_unknowns_ == 0) continue;
+        AddToLasers(coupling, coupling.plane_by_distance.dot(plane), &sum);
       }
     }
   });

@@ -16,7 +16,8 @@ namespace scenecalib {
 enum class DataSubset { kAll, kEven, kOdd };
 
 /// One Gauss-Newton step of the refinement: the normal equations over control poses (tau, phi each,
-/// see PoseSpline::Basis) and kNumGlobals common parameters at the end, with the planes eliminated.
+/// see PoseSpline::Basis), kNumGlobals common parameters and, if asked for, the lasers' errors
+/// (LaserCorrection::Add) at the end, with the planes eliminated.
 /// The planes couple every time that saw them, so the reduced matrix is nearly full; it is applied
 /// without being formed, in conjugate gradients preconditioned by the banded matrix of fixed
 /// planes.
@@ -29,10 +30,10 @@ class RefinementSystem {
   using Globals = Eigen::Matrix<double, kNumGlobals, 1>;
   using GlobalJacobian = Eigen::Matrix<double, 3, kNumGlobals>;
 
-  explicit RefinementSystem(int num_controls);
+  explicit RefinementSystem(int num_controls, int num_laser_unknowns = 0);
 
   /// Point-to-plane terms of the chosen patches; `use` has one flag per patch. They say nothing
-  /// along degenerate directions.
+  /// along degenerate directions. With laser unknowns the patches' observations are by laser.
   void AddPatches(const PoseSpline& spline, const std::vector<PlanePatch>& patches,
                   const std::vector<bool>& use, const DegenerateDirections& degenerate);
 
@@ -44,8 +45,12 @@ class RefinementSystem {
   /// weight / 2 (x + residual)^2 of one unknown.
   void AddPrior(int unknown, double residual, double weight);
 
-  int num_unknowns() const { return kPose * num_controls_ + kNumGlobals; }
+  /// Holds back steps of the lasers' errors that the data say little of, and keeps their mean.
+  void AddLaserPriors(const LaserCorrection& lasers);
+
+  int num_unknowns() const { return laser_offset() + num_laser_unknowns_; }
   int global_offset() const { return kPose * num_controls_; }
+  int laser_offset() const { return global_offset() + kNumGlobals; }
 
   struct Solution {
     Eigen::VectorXd step;
@@ -61,12 +66,19 @@ class RefinementSystem {
   struct Band {
     std::vector<std::array<Matrix6d, 4>> blocks;
     Eigen::VectorXd gradient;
+    /// Of the lasers alone, node by node: with itself, with the next.
+    std::vector<std::array<Eigen::Matrix3d, 2>> lasers;
+
+    void Resize(int num_controls, int num_unknowns, int num_laser_unknowns);
   };
   /// What an observation needs to apply its patch's coupling.
   struct Coupling {
     int first = 0;
     std::array<double, 4> weight{};
     Eigen::Matrix<double, 3, 6> plane_by_pose;
+    LaserCorrection::Place lasers;
+    Eigen::Vector3d distance_by_laser = Eigen::Vector3d::Zero();
+    Eigen::Vector3d plane_by_distance = Eigen::Vector3d::Zero();
   };
   struct PatchTerm {
     std::size_t begin = 0;
@@ -77,14 +89,18 @@ class RefinementSystem {
   void AddPatch(const PoseSpline& spline, const PlanePatch& patch,
                 const DegenerateDirections& degenerate, Band* band,
                 std::vector<Coupling>* couplings, std::vector<PatchTerm>* terms) const;
+  static void AddToPoses(const Coupling& coupling, const Vector6d& by_pose, Eigen::VectorXd* sum);
+  void AddToLasers(const Coupling& coupling, double by_distance, Eigen::VectorXd* sum) const;
+  double DistanceByLasers(const Coupling& coupling, const Eigen::VectorXd& x) const;
   Eigen::SparseMatrix<double> FixedPlaneMatrix() const;
   Eigen::VectorXd ApplyCoupling(const Eigen::VectorXd& x) const;
 
   int num_controls_;
+  int num_laser_unknowns_;
   Band band_;
   std::vector<Eigen::Matrix<double, kPose, kNumGlobals>> border_;
   Eigen::Matrix<double, kNumGlobals, kNumGlobals> corner_;
-  std::vector<std::pair<int, double>> priors_;
+  std::vector<Eigen::Triplet<double>> priors_;  ///< of the lower triangle
   /// Patches in a fixed number of chunks: the unit of parallel work and of ordered sums.
   static constexpr std::size_t kNumChunks = 16;
   std::array<std::vector<Coupling>, kNumChunks> couplings_;

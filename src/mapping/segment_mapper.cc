@@ -104,7 +104,7 @@ std::vector<TimedPose> OdometryPoses(const BufferedScans& scans) {
 }
 
 RegisteredScan Register(const PackedScan& scan, const SweepRegistration& registration,
-                        const PoseTable& table) {
+                        const LaserCorrection& lasers, const PoseTable& table) {
   RegisteredScan registered;
   registered.stamp_ns = scan.stamp_ns();
   const double stamp_s = SecondsBetween(table.start_ns(), scan.stamp_ns());
@@ -114,9 +114,10 @@ RegisteredScan Register(const PackedScan& scan, const SweepRegistration& registr
   for (std::size_t i = 0; i < scan.size(); ++i) {
     RegisteredPoint placed;
     placed.time_offset_s = scan.time_offset_s(i);
-    placed.position_in_map_m =
-        table.Place(scan.position_in_lidar_m(i).cast<double>(), stamp_s + placed.time_offset_s)
-            .cast<float>();
+    placed.position_in_map_m = table
+                                   .Place(lasers.Apply(scan.position_in_lidar_m(i).cast<double>()),
+                                          stamp_s + placed.time_offset_s)
+                                   .cast<float>();
     placed.intensity = scan.intensity(i);
     registered.points.push_back(placed);
   }
@@ -224,12 +225,16 @@ struct SegmentMapper::Impl {
                                   const ProgressCallback& progress) const {
     std::vector<const PackedScan*> packed;
     for (const auto& scan : used) packed.push_back(&scan->scan);
-    return RefineTrajectory(initial, packed, prior, options.refinement, progress);
+    RefinementOptions refinement = options.refinement;
+    // Where points are moved to one time their elevations are no laser's.
+    if (rig.lidar.motion_compensated) refinement.estimate_lasers = false;
+    return RefineTrajectory(initial, packed, prior, refinement, progress);
   }
   void ForgetOldest();
   void AddWarnings(const BufferedScans& used, MappingReport* report) const;
   Result<MappingResult> Build(const BufferedScans& used, Trajectory trajectory,
-                              MappingReport report, const ProgressCallback& progress) const;
+                              const LaserCorrection& lasers, MappingReport report,
+                              const ProgressCallback& progress) const;
 
   Rig rig;
   MappingOptions options;
@@ -347,6 +352,7 @@ void SegmentMapper::Impl::AddWarnings(const BufferedScans& used, MappingReport* 
 }
 
 Result<MappingResult> SegmentMapper::Impl::Build(const BufferedScans& used, Trajectory trajectory,
+                                                 const LaserCorrection& lasers,
                                                  MappingReport report,
                                                  const ProgressCallback& progress) const {
   const PoseTable table(trajectory);
@@ -360,7 +366,7 @@ Result<MappingResult> SegmentMapper::Impl::Build(const BufferedScans& used, Traj
   }
   std::vector<RegisteredScan> registered(spread.size());
   tbb::parallel_for(std::size_t{0}, spread.size(), [&](std::size_t i) {
-    registered[i] = Register(spread[i]->scan, spread[i]->registration, table);
+    registered[i] = Register(spread[i]->scan, spread[i]->registration, lasers, table);
   });
   auto surfaces = BuildSurfaces(registered, options.surfaces, progress);
   if (!surfaces.ok()) return surfaces.status();
@@ -402,12 +408,16 @@ Result<MappingResult> SegmentMapper::BuildMap(const ProgressCallback& progress) 
   impl.AddWarnings(used, &report);
   PoseSpline spline(*odometry, impl.options.refinement.knot_interval_s);
   std::vector<RelativeMotionSigma> relative_motion;
+  LaserCorrection lasers;
   std::optional<Eigen::Vector3d> gravity;
   if (impl.options.refinement.enabled) {
     const auto refined = impl.Refine(used, spline, progress);
     if (!refined.ok()) return refined.status();
     spline = refined->map_from_lidar;
     relative_motion = refined->relative_motion;
+    lasers = refined->lasers;
+    report.laser_range_m = lasers.RootMeanSquare()[0];
+    report.laser_elevation_rad = lasers.RootMeanSquare()[1];
     if (refined->degenerate_share > 0.0) {
       report.warnings.push_back(DescribeDegenerate(*refined));
     }
@@ -417,8 +427,12 @@ Result<MappingResult> SegmentMapper::BuildMap(const ProgressCallback& progress) 
   }
   auto trajectory = Trajectory::Create(LeveledPoses(spline, gravity));
   if (!trajectory.ok()) return trajectory.status();
-  auto result = impl.Build(used, std::move(*trajectory), std::move(report), progress);
-  if (result.ok()) result->map.relative_motion = std::move(relative_motion);
+  auto result = impl.Build(used, std::move(*trajectory), lasers, std::move(report), progress);
+  if (result.ok()) {
+    result->map.relative_motion = std::move(relative_motion);
+    const LaserCorrection::Errors sigma = lasers.MeanSigma();
+    result->map.lidar_frame = {sigma[0], sigma[1]};
+  }
   return result;
 }
 
@@ -439,7 +453,7 @@ Result<MappingResult> SegmentMapper::BuildMapWithTrajectory(
   MappingReport report;
   report.num_scans_in = impl.num_scans_in;
   report.num_scans_dropped_at_bound = impl.num_scans_dropped;
-  return impl.Build(used, map_from_lidar, std::move(report), progress);
+  return impl.Build(used, map_from_lidar, {}, std::move(report), progress);
 }
 
 }  // namespace scenecalib

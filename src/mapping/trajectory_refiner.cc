@@ -90,14 +90,18 @@ DegenerateDirections FindDegenerate(const PoseSpline& spline,
   return {patches, SecondsBetween(spline.start_ns(), spline.end_ns())};
 }
 
+/// With `lasers` their errors are unknowns too.
 RefinementSystem Linearise(const PoseSpline& spline, const std::vector<PlanePatch>& patches,
                            const std::vector<bool>& use, const MotionTerms& motion,
-                           DataSubset subset, const RefinementOptions& options) {
-  RefinementSystem system(static_cast<int>(spline.controls().size()));
+                           DataSubset subset, const RefinementOptions& options,
+                           const LaserCorrection* lasers = nullptr) {
+  RefinementSystem system(static_cast<int>(spline.controls().size()),
+                          lasers != nullptr ? 3 * static_cast<int>(lasers->num_nodes()) : 0);
   // Without odometry the trajectory as it came is the best guess along a degenerate direction.
   const DegenerateDirections degenerate =
       motion.odometry.empty() ? DegenerateDirections() : FindDegenerate(spline, patches);
   system.AddPatches(spline, patches, use, degenerate);
+  if (lasers != nullptr) system.AddLaserPriors(*lasers);
   motion.inertial.AddTo(spline, subset, &system);
   motion.odometry.AddTo(spline, subset, &system);
   AddSmoothness(spline, options, &system);
@@ -158,6 +162,7 @@ struct Problem {
 /// Planar patches as the trajectory places the points. The first rounds only have to come close:
 /// there a share of the points is enough.
 Result<std::vector<PlanePatch>> Associate(const Problem& problem, const PoseSpline& spline,
+                                          const LaserCorrection& lasers, bool by_laser,
                                           bool all_points) {
   constexpr int kMinPatches = 50;
   constexpr int kShare = 4;
@@ -166,7 +171,7 @@ Result<std::vector<PlanePatch>> Associate(const Problem& problem, const PoseSpli
   if (!trajectory.ok()) return trajectory.status();
   RefinementOptions options = problem.options;
   if (!all_points) options.max_points = options.max_points / kShare;
-  auto patches = FindPlanePatches(problem.scans, PoseTable(*trajectory), options);
+  auto patches = FindPlanePatches(problem.scans, lasers, by_laser, PoseTable(*trajectory), options);
   if (patches.size() < kMinPatches) {
     return Status::InsufficientData("lidar: only " + std::to_string(patches.size()) +
                                     " planar patches in the scene, at least " +
@@ -178,11 +183,12 @@ Result<std::vector<PlanePatch>> Associate(const Problem& problem, const PoseSpli
 /// Median thickness at the finest scale only: how far coarse patches are split depends on the
 /// trajectory, which would make two trajectories' thicknesses incomparable. A share of the points
 /// tells it.
-double MeasureThickness(const Problem& problem, const PoseSpline& spline) {
+double MeasureThickness(const Problem& problem, const PoseSpline& spline,
+                        const LaserCorrection& lasers) {
   RefinementOptions options = problem.options;
   options.num_patch_scales = 1;
   const Problem finest{problem.scans, options};
-  const auto patches = Associate(finest, spline, false);
+  const auto patches = Associate(finest, spline, lasers, false, false);
   return patches.ok() ? MedianThickness(*patches) : 0.0;
 }
 
@@ -260,9 +266,12 @@ Result<RefinementResult> RefineTrajectory(const PoseSpline& initial,
   PoseSpline& spline = result.map_from_lidar;
   MotionTerms motion{InertialTerms(prior, spline, options.use_accelerometer),
                      OdometryTerms(prior, spline, options.use_odometry)};
-  Result<std::vector<PlanePatch>> patches = Associate(problem, spline, false);
+  LaserCorrection& lasers = result.lasers;
+  if (options.estimate_lasers) lasers = LaserCorrection(scans);
+  Result<std::vector<PlanePatch>> patches =
+      Associate(problem, spline, lasers, !lasers.empty(), false);
   if (!patches.ok()) return patches.status();
-  result.thickness_before_m = MeasureThickness(problem, spline);
+  result.thickness_before_m = MeasureThickness(problem, spline, lasers);
   bool is_close = false;
   while (result.num_rounds < options.max_rounds && !result.converged) {
     if (!ReportProgress(progress, "mapping: refinement",
@@ -270,16 +279,24 @@ Result<RefinementResult> RefineTrajectory(const PoseSpline& initial,
       return Status::Cancelled("mapping was cancelled");
     }
     const bool all_points = is_close || 2 * (result.num_rounds + 1) > options.max_rounds;
-    if (result.num_rounds > 0 || all_points) patches = Associate(problem, spline, all_points);
+    // A share of the points tells the lasers' errors too.
+    const bool by_laser = !lasers.empty() && !all_points;
+    if (result.num_rounds > 0 || all_points) {
+      patches = Associate(problem, spline, lasers, by_laser, all_points);
+    }
     if (!patches.ok()) return patches.status();
     motion.inertial.UpdateSigmas(spline);
     motion.odometry.UpdateSigma(spline);
     const auto solution = Linearise(spline, *patches, std::vector<bool>(patches->size(), true),
-                                    motion, DataSubset::kAll, options)
+                                    motion, DataSubset::kAll, options, by_laser ? &lasers : nullptr)
                               .Solve(options.max_solver_iterations, options.solver_tolerance);
     if (!solution.ok) return Status::NumericalFailure("the trajectory's normal equations failed");
     const Eigen::Vector2d change = ApplyStep(solution.step, &spline);
-    const RefinementSystem::Globals globals = solution.step.tail<RefinementSystem::kNumGlobals>();
+    const auto num_poses =
+        static_cast<Eigen::Index>(RefinementSystem::kPose * spline.controls().size());
+    const RefinementSystem::Globals globals =
+        solution.step.segment<RefinementSystem::kNumGlobals>(num_poses);
+    if (by_laser) lasers.Add(solution.step.tail(3 * static_cast<Eigen::Index>(lasers.num_nodes())));
     motion.inertial.Update(globals);
     motion.odometry.Update(globals);
     ++result.num_rounds;
@@ -303,7 +320,7 @@ Result<RefinementResult> RefineTrajectory(const PoseSpline& initial,
   }
   motion.inertial.Report(&result);
   motion.odometry.Report(&result);
-  result.thickness_after_m = MeasureThickness(problem, spline);
+  result.thickness_after_m = MeasureThickness(problem, spline, lasers);
   return result;
 }
 

@@ -123,6 +123,7 @@ std::string FormatReport(const PipelineResult& result) {
       Format("lidar: %d of %d scans used, %.1f m travelled, IMU %s, odometry %s\n",
              mapping.num_scans_used, mapping.num_scans_in, mapping.path_length_m,
              mapping.used_imu ? "used" : "not used", mapping.used_odometry ? "used" : "not used");
+  text += DescribeLasers(mapping) + "\n";
   text += Format("map: %zu surfels, %zu ground triangles, %d points of moving objects removed\n",
                  result.mapping.map.surfels.size(), result.mapping.map.ground.triangles.size(),
                  mapping.num_points_moving);

@@ -114,12 +114,20 @@ std::vector<std::string> Facts(const PipelineResult& result) {
       Format("%d of %d scans used, %.1f m travelled, IMU %s, odometry %s.", mapping.num_scans_used,
              mapping.num_scans_in, mapping.path_length_m, mapping.used_imu ? "used" : "not used",
              mapping.used_odometry ? "used" : "not used"),
+      DescribeLasers(mapping) + ".",
       Format("%zu surfels, %zu ground triangles; %d points of moving objects were removed.",
              result.mapping.map.surfels.size(), result.mapping.map.ground.triangles.size(),
              mapping.num_points_moving)};
 }
 
 }  // namespace
+
+std::string DescribeLasers(const MappingReport& report) {
+  if (report.laser_range_m == 0.0) return "lasers: as the lidar reports them";
+  constexpr double kDegrees = 180.0 / M_PI;
+  return Format("lasers: corrected by %.1f mm and %.3f deg in elevation (RMS)",
+                1e3 * report.laser_range_m, kDegrees * report.laser_elevation_rad);
+}
 
 Result<ReportData> MakeReportData(const PipelineResult& result,
                                   const std::vector<CameraOverlays>& overlays) {

@@ -142,6 +142,8 @@ MapSnapshot ToMessage(const SceneMap& map, const std::string& map_frame_id) {
     message.relative_motion.insert(message.relative_motion.end(),
                                    {sigma.window_s, sigma.translation_m, sigma.rotation_rad});
   }
+  message.lidar_frame_translation_m = map.lidar_frame.translation_m;
+  message.lidar_frame_rotation_rad = map.lidar_frame.rotation_rad;
   return message;
 }
 
@@ -165,6 +167,7 @@ Result<SceneMap> FromMessage(const MapSnapshot& message) {
     const double* sigma = &message.relative_motion[i];
     map.relative_motion.push_back({sigma[0], sigma[1], sigma[2]});
   }
+  map.lidar_frame = {message.lidar_frame_translation_m, message.lidar_frame_rotation_rad};
   return map;
 }
 

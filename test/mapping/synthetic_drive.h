@@ -25,6 +25,8 @@ struct SyntheticDrive {
   double lidar_height_m = 2.0;
   int num_rings = 24;
   int num_columns = 360;
+  double ring_range_m = 0.0;  ///< what every second ring measures too far, the others too near
+  double ring_elevation_rad = 0.0;  ///< likewise, true less reported
   bool motion_compensated = false;  ///< every point at the stamp
   double loop_radius_m = 0.0;       ///< round and round a circle to the left; 0: along a street
   std::vector<Box> boxes = Street();
@@ -120,10 +122,16 @@ struct SyntheticDrive {
       for (int ring = 0; ring < num_rings; ++ring) {
         const double azimuth = 3.14159 - 6.283185 * share;
         const double elevation = -0.4 + 0.65 * ring / num_rings;
-        const Eigen::Vector3d ray(std::cos(elevation) * std::cos(azimuth),
-                                  std::cos(elevation) * std::sin(azimuth), std::sin(elevation));
-        const double range_m = Cast(world_from_lidar.translation, world_from_lidar.rotation * ray) +
-                               range_sigma_m * random->Gaussian();
+        const auto ray_at = [azimuth](double angle) {
+          return Eigen::Vector3d(std::cos(angle) * std::cos(azimuth),
+                                 std::cos(angle) * std::sin(azimuth), std::sin(angle));
+        };
+        const double sign = ring % 2 == 0 ? 1.0 : -1.0;
+        const Eigen::Vector3d ray = ray_at(elevation);
+        const double range_m =
+            Cast(world_from_lidar.translation,
+                 world_from_lidar.rotation * ray_at(elevation + sign * ring_elevation_rad)) +
+            sign * ring_range_m + range_sigma_m * random->Gaussian();
         if (!(range_m < 60.0)) continue;
         LidarPoint point;
         point.position_in_lidar_m = (range_m * ray).cast<float>();

@@ -26,10 +26,12 @@ PoseSpline Perturbed(const SyntheticDrive& drive) {
 
 struct Fixture {
   SyntheticDrive drive;
-  std::vector<LidarScan> scans = drive.Scans(20, 1);
+  std::vector<LidarScan> scans;
   MotionPrior prior{Rig{}};
+  RefinementOptions options;
 
-  explicit Fixture(double imu_rate_hz) {
+  explicit Fixture(double imu_rate_hz, const SyntheticDrive& drive_in = SyntheticDrive())
+      : drive(drive_in), scans(drive.Scans(20, 1)) {
     if (imu_rate_hz <= 0.0) return;
     Rig rig;
     rig.imu = ImuConfig{"/imu", drive.lidar_from_imu};
@@ -41,7 +43,7 @@ struct Fixture {
     for (const LidarScan& scan : scans) packed.emplace_back(scan, 1.0, 60.0);
     std::vector<const PackedScan*> pointers;
     for (const PackedScan& scan : packed) pointers.push_back(&scan);
-    return RefineTrajectory(Perturbed(drive), pointers, prior, {}, progress);
+    return RefineTrajectory(Perturbed(drive), pointers, prior, options, progress);
   }
   Eigen::Vector2d Error(const PoseSpline& spline, double window_s) const {
     return RelativeMotionError(*Trajectory::Create(spline.Sample(0.005)), drive.Truth(kDurationS),
@@ -86,6 +88,40 @@ TEST(TrajectoryRefiner, StatesARelativeMotionErrorOfTheRightSize) {
     EXPECT_GT(sigma.rotation_rad, 0.25 * error[1]) << sigma.window_s;
     EXPECT_LT(sigma.rotation_rad, 8.0 * error[1]) << sigma.window_s;
   }
+}
+
+TEST(TrajectoryRefiner, FindsWhatLasersAreOffBy) {
+  SyntheticDrive drive;
+  drive.ring_range_m = 0.02;
+  drive.ring_elevation_rad = 1e-3;
+  Fixture fixture(200.0, drive);
+  const auto result = fixture.Refine();
+  ASSERT_TRUE(result.ok()) << result.status().message();
+  ASSERT_EQ(result->lasers.num_nodes(), 24U);
+  double sum = 0.0;
+  for (std::size_t i = 0; i < 24; ++i) {
+    const double sign = i % 2 == 0 ? 1.0 : -1.0;
+    sum += sign * result->lasers.nodes()[i].errors[0] / 24.0;
+  }
+  // What is to be added is what was measured too much, taken away.
+  EXPECT_NEAR(sum, -0.02, 0.008);
+
+  fixture.options.estimate_lasers = false;
+  const auto without = fixture.Refine();
+  ASSERT_TRUE(without.ok()) << without.status().message();
+  EXPECT_TRUE(without->lasers.empty());
+  EXPECT_LT(result->thickness_after_m, 0.8 * without->thickness_after_m);
+  EXPECT_LT(fixture.Error(result->map_from_lidar, 1.0)[0],
+            fixture.Error(without->map_from_lidar, 1.0)[0]);
+}
+
+TEST(TrajectoryRefiner, FindsNothingOfLasersThatAreRight) {
+  const auto result = Fixture(200.0).Refine();
+  ASSERT_TRUE(result.ok()) << result.status().message();
+  const LaserCorrection::Errors errors = result->lasers.RootMeanSquare();
+  EXPECT_LT(errors[0], 2e-3);
+  EXPECT_LT(errors[1], 2e-4);
+  EXPECT_LT(errors[2], 2e-4);
 }
 
 TEST(TrajectoryRefiner, RefusesASceneWithoutPlanes) {

@@ -66,6 +66,10 @@ struct FreeParameters {
 struct CorrectionPrior {
   double walk_rotation_rad = 3e-4;   ///< per sqrt(second)
   double walk_translation_m = 5e-3;  ///< per sqrt(second)
+  /// What the mean, held at zero, is uncertain by, per axis: the lidar's own frame. It moves
+  /// nothing and widens every camera's standard deviations.
+  double frame_rotation_rad = 0.0;
+  double frame_translation_m = 0.0;
 };
 
 struct SolveEvidence {

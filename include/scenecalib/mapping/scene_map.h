@@ -43,6 +43,13 @@ struct RelativeMotionSigma {
   double rotation_rad = 0.0;
 };
 
+/// What the lidar's own frame is uncertain by, per axis: its lasers' errors have a mean, which
+/// nothing shows but how much they differ.
+struct LidarFrameSigma {
+  double translation_m = 0.0;
+  double rotation_rad = 0.0;
+};
+
 /// What the lidar says about the scene (III-A): its own trajectory and locally planar surfaces, all
 /// from the same trajectory. The map frame is the lidar frame at the trajectory's first pose,
 /// turned so that z points up when gravity or the ground says where that is.
@@ -52,6 +59,7 @@ struct SceneMap {
   std::vector<Surfel> surfels;
   std::vector<MapPoint> points;  ///< down-sampled, without moving objects
   std::vector<RelativeMotionSigma> relative_motion;
+  LidarFrameSigma lidar_frame;
 };
 
 }  // namespace scenecalib

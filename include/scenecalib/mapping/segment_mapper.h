@@ -36,8 +36,11 @@ struct MappingReport {
   bool used_odometry = false;
   double thickness_before_m = 0.0;  ///< median surfel thickness with the odometry's trajectory
   double thickness_after_m = 0.0;   ///< the same after the batch refinement
-  int num_points_moving = 0;        ///< removed as moving objects
-  double airborne_share = 0.0;      ///< of a typical scan's returns: snow, rain, dust
+  /// What the lasers' points were corrected by, root mean square: range, elevation.
+  double laser_range_m = 0.0;
+  double laser_elevation_rad = 0.0;
+  int num_points_moving = 0;    ///< removed as moving objects
+  double airborne_share = 0.0;  ///< of a typical scan's returns: snow, rain, dust
   std::vector<std::string> warnings;
 };
 

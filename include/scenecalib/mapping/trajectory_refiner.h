@@ -7,6 +7,7 @@
 #include "scenecalib/base/options.h"
 #include "scenecalib/base/progress.h"
 #include "scenecalib/base/status.h"
+#include "scenecalib/mapping/laser_correction.h"
 #include "scenecalib/mapping/motion_prior.h"
 #include "scenecalib/mapping/packed_scan.h"
 #include "scenecalib/mapping/pose_spline.h"
@@ -32,6 +33,7 @@ struct RefinementOptions {
   double solver_tolerance = 1e-4;
   bool use_accelerometer = true;
   bool use_odometry = true;
+  bool estimate_lasers = true;
   void Visit(OptionVisitor& v) {
     v.Field("enabled", &enabled, "false: the odometry's trajectory is used as it is");
     v.Field("knot_interval_s", &knot_interval_s, {0.01, 0.5}, "between knots of the pose spline");
@@ -57,6 +59,9 @@ struct RefinementOptions {
     v.Field("use_accelerometer", &use_accelerometer, "false: only the gyroscope is used");
     v.Field("use_odometry", &use_odometry,
             "false: the odometry only predicts where the registration of a scan begins");
+    v.Field("estimate_lasers", &estimate_lasers,
+            "find what each laser's range and angles are off by, and correct its points; not done "
+            "for motion-compensated scans");
   }
 };
 
@@ -79,14 +84,15 @@ struct RefinementResult {
   /// Share of the time at which the lidar does not see the motion along some direction.
   double degenerate_share = 0.0;
   std::vector<RelativeMotionSigma> relative_motion;
+  LaserCorrection lasers;  ///< empty if not estimated
 };
 
 /// Refines a trajectory in continuous time: every point counts at its own time, planes are shared
 /// by all scans and solved with the trajectory, gyroscope (with bias) and accelerometer (with bias
 /// and gravity) bear the short intervals, odometry's velocity (with a scale) what the lidar does
-/// not see. The planes' parameters are eliminated from each Gauss-Newton step (docs/math.md):
-/// alternating between planes and poses instead takes hundreds of rounds for the smooth errors that
-/// matter most here.
+/// not see, and what each laser is off by is solved with them. The planes' parameters are
+/// eliminated from each Gauss-Newton step (docs/math.md): alternating between planes and poses
+/// instead takes hundreds of rounds for the smooth errors that matter most here.
 ///
 /// `scans` lie within the initial spline's time. The relative-motion sigma compares the solutions
 /// of two halves of the data, so that it sees what a formal covariance does not. Deterministic for

@@ -16,4 +16,7 @@ namespace scenecalib {
 Result<ReportData> MakeReportData(const PipelineResult& result,
                                   const std::vector<CameraOverlays>& overlays);
 
+/// What the mapping found of the lidar's lasers, in words.
+std::string DescribeLasers(const MappingReport& report);
+
 }  // namespace scenecalib
