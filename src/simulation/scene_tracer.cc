@@ -52,7 +52,8 @@ void AttachMesh(RTCDevice device, RTCScene scene, const Mesh& mesh, const Keep& 
 }
 
 /// With one building thread: the tree, and so which of two equally near triangles is met, does not
-/// depend on the machine's threads. The device's own number of threads would bind the whole process.
+/// depend on the machine's threads. The device's own number of threads would bind the whole
+/// process.
 void CommitScene(RTCScene scene) {
   tbb::task_arena one(1);
   one.execute([scene] { rtcCommitScene(scene); });
