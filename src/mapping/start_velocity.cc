@@ -55,18 +55,19 @@ std::vector<SweepPoint> Thinned(const std::vector<SweepPoint>& points, std::size
 
 struct Trial {
   double score = 0.0;
-  Eigen::Vector3d position_in_map_m = Eigen::Vector3d::Zero();  ///< of the second sweep
+  Rigid3 map_from_lidar;  ///< of the second sweep
 };
 
 std::optional<Eigen::Vector3d> OpenDirection(const std::vector<Trial>& trials, const Trial& best) {
   const Trial* other = nullptr;
   for (const Trial& trial : trials) {
-    const double away_m = (trial.position_in_map_m - best.position_in_map_m).norm();
+    const double away_m =
+        (trial.map_from_lidar.translation - best.map_from_lidar.translation).norm();
     if (away_m < kOtherPlaceM || trial.score < kAsGood * best.score) continue;
     if (!other || trial.score > other->score) other = &trial;
   }
   if (!other) return std::nullopt;
-  return (other->position_in_map_m - best.position_in_map_m).normalized();
+  return (other->map_from_lidar.translation - best.map_from_lidar.translation).normalized();
 }
 
 }  // namespace
@@ -83,9 +84,8 @@ StartVelocity SearchStartVelocity(const StartSweep& first, const StartSweep& sec
   alignment.max_iterations = kIterations;
   alignment.estimate_motion = false;
   alignment.finest_voxel_size_m = 2.0 * options.finest_voxel_size_m;
-  std::vector<Trial> trials(velocities.size());
-  tbb::parallel_for(std::size_t{0}, trials.size(), [&](std::size_t i) {
-    const LastSweep start{last.map_from_lidar, velocities[i], false, last.mid_ns};
+  const auto try_velocity = [&](const LidarVelocity& velocity) {
+    const LastSweep start{last.map_from_lidar, velocity, false, last.mid_ns};
     SweepMotion first_motion = first.motion;
     SweepMotion second_motion = second.motion;
     const MotionExpectation expectation(start, second.samples, second_motion, prior);
@@ -101,12 +101,19 @@ StartVelocity SearchStartVelocity(const StartSweep& first, const StartSweep& sec
     const AlignedSweep aligned = AlignSweep(map, source, expectation, expectation.PredictedPose(),
                                             alignment, &second_motion);
     const double share = aligned.rms_m / kInlierResidualM;
-    trials[i] = {aligned.num_inliers * (1.0 - share * share), aligned.map_from_lidar.translation};
+    return Trial{aligned.num_inliers * (1.0 - share * share), aligned.map_from_lidar};
+  };
+  std::vector<Trial> trials(velocities.size());
+  tbb::parallel_for(std::size_t{0}, trials.size(), [&](std::size_t i) {
+    // A trial may end at the right place though the velocity that deskewed it is far from right:
+    // once more with the velocity that leads there.
+    const Trial found = try_velocity(velocities[i]);
+    trials[i] = try_velocity(VelocityBetween(last.map_from_lidar, found.map_from_lidar, seconds));
   });
   const auto best =
       std::max_element(trials.begin(), trials.end(),
                        [](const Trial& a, const Trial& b) { return a.score < b.score; });
-  return {velocities[static_cast<std::size_t>(best - trials.begin())],
+  return {VelocityBetween(last.map_from_lidar, best->map_from_lidar, seconds),
           OpenDirection(trials, *best)};
 }
 

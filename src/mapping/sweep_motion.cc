@@ -43,6 +43,12 @@ void AddTerm(const Eigen::Vector3d& error, int i, double a, int j, double b, dou
 
 }  // namespace
 
+LidarVelocity VelocityBetween(const Rigid3& from, const Rigid3& to, double seconds) {
+  const Rigid3 step = from.Inverse() * to;
+  const Eigen::Vector3d turn = LogSo3(step.rotation);
+  return {ExpSo3(-0.5 * turn) * step.translation / seconds, turn / seconds};
+}
+
 SweepMotion::SweepMotion(const SweepSamples& samples, const MotionPrior& prior)
     : first_ns_(samples.first_ns), first_s_(SecondsBetween(samples.mid_ns, samples.first_ns)) {
   const double duration_s = samples.DurationS();

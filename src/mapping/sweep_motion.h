@@ -16,6 +16,9 @@ struct LidarVelocity {
   Eigen::Vector3d angular_rad_s = Eigen::Vector3d::Zero();
 };
 
+/// Constant velocity between two poses.
+LidarVelocity VelocityBetween(const Rigid3& from, const Rigid3& to, double seconds);
+
 /// The lidar's motion during one sweep, lidar(mid) <- lidar(t): what gyroscope and odometry
 /// measured, followed by a constant velocity that the registration estimates. Without sensors the
 /// velocity is all there is; with them it corrects their bias.

@@ -104,6 +104,8 @@ class LidarOdometry {
   void StartMap(const Sweep& sweep);
   Placement Track(const MotionPrior& prior, Sweep* sweep);
   Placement Bootstrap(const MotionPrior& prior, Sweep* sweep);
+  /// Of the map's only sweep.
+  double OwnInlierShare(const Sweep& sweep, const MotionPrior& prior) const;
   bool IsLost(const Placement& placement, const Sweep& sweep) const;
   void InsertIntoMap(const Sweep& sweep, const Rigid3& map_from_lidar);
   void StartAnew();
