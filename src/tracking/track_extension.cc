@@ -202,6 +202,25 @@ class Extender {
            affine * runner.view_covariance_px2 * affine.transpose();
   }
 
+  /// Whether a track that goes on to this match still tells its two ends apart from each other: the
+  /// far end's uncertainty, as large as the near end sees it, stays within the limit.
+  bool HoldsTogether(const PatchMatch& match, const Runner& runner,
+                     const RegisteredTrack& track) const {
+    const double max_sigma_px = options_.registration.max_end_sigma_px;
+    const auto& observations = track.track.observations;
+    const TrackObservation& other = forward_ ? observations.front() : observations.back();
+    const Eigen::Matrix2d other_from_reference =
+        forward_ ? track.first_from_reference : track.last_from_reference;
+    const Eigen::Matrix2d from_other =
+        match.warp.affine * runner.view_from_reference * other_from_reference.inverse();
+    const Eigen::Matrix2d to_other = from_other.inverse();
+    const Eigen::Matrix2d here = Covariance(match, runner);
+    const double squared_px2 =
+        std::max((from_other * other.covariance_px2 * from_other.transpose()).trace(),
+                 (to_other * here * to_other.transpose()).trace());
+    return squared_px2 <= max_sigma_px * max_sigma_px;
+  }
+
   /// Enters the matches into their tracks; where two tracks meet the longer one prevails.
   void Settle(std::size_t k, const std::vector<std::optional<ReferenceMatch>>& matches) {
     std::vector<Runner> kept;
@@ -211,6 +230,7 @@ class Extender {
       RegisteredTrack& track = tracks_[static_cast<std::size_t>(runner.track)];
       if (track.track.observations.empty()) continue;
       if (matches[r]) {
+        if (!HoldsTogether(matches[r]->match, runner, track)) continue;
         if (!TakeOver(k, runner)) continue;
         Enter(k, *matches[r], runner, &track);
         sightings_[k].push_back({runner.track, runner.pixel});

@@ -44,7 +44,7 @@ CameraModelPtr Camera() {
   return model;
 }
 
-std::vector<Track> TrackTheWall(double max_view_sigma_px) {
+std::vector<Track> TrackTheWall(double max_view_sigma_px, double max_end_sigma_px = 10.0) {
   static std::vector<cv::Mat> images;
   for (int i = static_cast<int>(images.size()); i < kNumImages; ++i) {
     images.push_back(RenderPlanes(Wall(), *Camera(), MapFromCamera(i), 1.0, i + 1));
@@ -52,6 +52,7 @@ std::vector<Track> TrackTheWall(double max_view_sigma_px) {
   TrackingOptions options;
   options.detection.max_features = 200;
   options.registration.max_view_sigma_px = max_view_sigma_px;
+  options.registration.max_end_sigma_px = max_end_sigma_px;
   CameraTracker tracker("cam", Camera(), options);
   for (int i = 0; i < kNumImages; ++i) {
     EXPECT_TRUE(tracker.AddImage({Stamp(i), images[static_cast<std::size_t>(i)], {}}).ok());
@@ -75,6 +76,12 @@ TEST(TrackExtension, TakesANearerViewWhereTheScaleChanges) {
   const std::vector<Track> one_view = TrackTheWall(0.0);
   EXPECT_EQ(NumBeyond(one_view, kTooMuchGrowth), 0);
   EXPECT_GT(NumBeyond(through_views, kTooMuchGrowth), 5);
+}
+
+TEST(TrackExtension, EndsWhereTheFarEndIsUncertainAsTheNearOneSeesIt) {
+  const std::vector<Track> strict = TrackTheWall(0.06, 0.18);
+  EXPECT_GT(strict.size(), 50U);
+  EXPECT_LT(NumBeyond(strict, kTooMuchGrowth), NumBeyond(TrackTheWall(0.06), kTooMuchGrowth));
 }
 
 TEST(TrackExtension, StaysOnTheScenePointThroughNewViewsAndSaysHowCertain) {

@@ -71,6 +71,7 @@ struct RegistrationOptions {
   double max_sigma_px = 0.1;
   double max_misfit_px = 0.1;
   double max_view_sigma_px = 0.06;
+  double max_end_sigma_px = 0.18;
   double sigma_floor_px = 0.02;
   double noise_correlation = 4.0;
   double max_residual_noise = 2.0;
@@ -107,6 +108,9 @@ struct RegistrationOptions {
     v.Field("max_view_sigma_px", &max_view_sigma_px, {0, 10},
             "where the scale has changed too much for the reference view, a sighting more certain "
             "than this takes its place for those beyond it; 0: none");
+    v.Field("max_end_sigma_px", &max_end_sigma_px, {0.001, 10},
+            "a track is carried on as long as either end's uncertainty, as large as the other end "
+            "sees it, stays below this");
     v.Field("sigma_floor_px", &sigma_floor_px, {0, 1},
             "error of a registration that its residual does not show, added to its covariance");
     v.Field("noise_correlation", &noise_correlation, {1, 100},
