@@ -75,6 +75,7 @@ class StatedDeviation : public testing::DownwardRig {
     CalibrationProblem problem;
     problem.cameras = &cameras_;
     problem.correction = &correction_;
+    problem.correction_prior = correction_prior_;
     problem.residual_sigma = kErrorPx;
     problem.time_offset_s = {0.0};
     problem.priors.resize(1);
@@ -103,7 +104,18 @@ class StatedDeviation : public testing::DownwardRig {
   }
 
   TrajectoryCorrection correction_;
+  CorrectionPrior correction_prior_;
 };
+
+TEST_F(StatedDeviation, GrowsByWhatTheLidarsFrameIsUncertainBy) {
+  constexpr double kFrame_rad = 0.01;
+  const Eigen::Vector3d of_right_lasers = RotationOf(false);
+  correction_prior_.frame_rotation_rad = kFrame_rad;
+  const Eigen::Vector3d widened = RotationOf(false);
+  for (int axis = 0; axis < 3; ++axis) {
+    EXPECT_NEAR(widened[axis], std::hypot(of_right_lasers[axis], kFrame_rad), 1e-6) << axis;
+  }
+}
 
 TEST_F(StatedDeviation, GrowsWhereThePiecesOfASurfaceErrAsOne) {
   const Eigen::Vector3d independent = RotationOf(false);
