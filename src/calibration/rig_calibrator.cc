@@ -14,6 +14,7 @@
 #include "scenecalib/calibration/joint_calibration.h"
 #include "scenecalib/geometry/so3.h"
 #include "scenecalib/mapping/ray_caster.h"
+#include "scenecalib/tracking/track_selection.h"
 #include "verdicts.h"
 
 namespace scenecalib {
@@ -27,6 +28,25 @@ struct SplitTracks {
   std::vector<Track> used;
   std::vector<Track> held_out;
 };
+
+/// Seconds from the tracks' first sighting to their last.
+double DurationOf(const std::vector<Track>& tracks) {
+  Timestamp first_ns = std::numeric_limits<Timestamp>::max();
+  Timestamp last_ns = std::numeric_limits<Timestamp>::min();
+  for (const Track& track : tracks) {
+    first_ns = std::min(first_ns, track.observations.front().stamp_ns);
+    last_ns = std::max(last_ns, track.observations.back().stamp_ns);
+  }
+  return tracks.empty() ? 0.0 : SecondsBetween(first_ns, last_ns);
+}
+
+std::vector<Track> SelectJointTracks(const std::vector<Track>& tracks, const CameraModel& model,
+                                     const JointOptions& options) {
+  const std::size_t num_tracks =
+      TrackBudget(options.max_tracks_per_camera, model, DurationOf(tracks));
+  return SelectTracks(tracks, static_cast<int>(num_tracks), kMinViews, model.width_px(),
+                      model.height_px());
+}
 
 SplitTracks Split(const std::vector<Track>& tracks, double held_out_share, int seed) {
   SplitTracks split;
@@ -275,9 +295,7 @@ Result<RigCalibration> CalibrateRig(const Rig& initial, const SceneMap& map,
     JointCamera camera;
     camera.config = &initial.cameras[c];
     camera.segment = &segments[c];
-    camera.tracks =
-        SelectTracks(tracks[c].used, options.joint.max_tracks_per_camera, kMinViews,
-                     initial.cameras[c].model->width_px(), initial.cameras[c].model->height_px());
+    camera.tracks = SelectJointTracks(tracks[c].used, *initial.cameras[c].model, options.joint);
     camera.start = *loop;
     joint_cameras.push_back(std::move(camera));
     camera_of_joint.push_back(c);

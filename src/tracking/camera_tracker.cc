@@ -49,9 +49,9 @@ std::size_t NumObservations(const std::vector<LiveTrack>& tracks) {
   return num_observations;
 }
 
-/// The tracks that are worth registering: RegistrationOptions::max_tracks.
-std::vector<LiveTrack> Selected(std::vector<LiveTrack> tracks, const TrackingOptions& options,
-                                const CameraModel& model) {
+/// The tracks that are worth registering in a recording so long: RegistrationOptions::max_tracks.
+std::vector<LiveTrack> Selected(std::vector<LiveTrack> tracks, double duration_s,
+                                const TrackingOptions& options, const CameraModel& model) {
   if (options.registration.max_tracks == 0) return tracks;
   std::vector<TrackSummary> summaries;
   summaries.reserve(tracks.size());
@@ -61,7 +61,7 @@ std::vector<LiveTrack> Selected(std::vector<LiveTrack> tracks, const TrackingOpt
   }
   std::vector<LiveTrack> selected;
   for (const std::size_t i :
-       SelectSpread(summaries, static_cast<std::size_t>(options.registration.max_tracks),
+       SelectSpread(summaries, TrackBudget(options.registration.max_tracks, model, duration_s),
                     static_cast<std::size_t>(options.verification.min_observations),
                     model.width_px(), model.height_px())) {
     selected.push_back(std::move(tracks[i]));
@@ -271,7 +271,9 @@ CameraSegment CameraTracker::Segment() const {
   const ImageQuality quality = TypicalQuality(images, mask);
   std::vector<LiveTrack> live = impl.live->Tracks();
   const std::size_t num_followed = NumObservations(live);
-  live = Selected(std::move(live), impl.options, *impl.model);
+  const double duration_s =
+      images.empty() ? 0.0 : SecondsBetween(images.begin()->first, images.rbegin()->first);
+  live = Selected(std::move(live), duration_s, impl.options, *impl.model);
   const double registered_share = static_cast<double>(NumObservations(live)) /
                                   static_cast<double>(std::max<std::size_t>(1, num_followed));
   impl.Register(live, mask, quality, &segment);

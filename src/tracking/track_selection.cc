@@ -1,10 +1,23 @@
 #include "scenecalib/tracking/track_selection.h"
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <tuple>
 
 namespace scenecalib {
+
+std::size_t TrackBudget(int num_tracks, const CameraModel& model, double duration_s) {
+  constexpr double kOrdinaryDuration_s = 10.0;
+  constexpr double kMaxForDuration = 3.0;
+  constexpr double kOrdinaryHalfField_rad = 36.0 * M_PI / 180.0;
+  constexpr double kMaxForField = 2.0;
+  const double for_duration = std::clamp(duration_s / kOrdinaryDuration_s, 1.0, kMaxForDuration);
+  const double half_field_rad = std::min(model.max_theta_rad(), kOrdinaryHalfField_rad);
+  const double for_field =
+      std::min(kMaxForField, std::tan(kOrdinaryHalfField_rad) / std::tan(half_field_rad));
+  return static_cast<std::size_t>(std::lround(num_tracks * for_duration * for_field));
+}
 
 std::vector<std::size_t> SelectSpread(const std::vector<TrackSummary>& tracks,
                                       std::size_t max_tracks, std::size_t min_views, int width_px,

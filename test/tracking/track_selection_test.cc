@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "scenecalib/base/random.h"
+#include "scenecalib/sensor/camera_factory.h"
 
 namespace scenecalib {
 namespace {
@@ -37,6 +38,35 @@ TEST(TrackSelection, EverySecondOfTheDriveHasItsShare) {
   const auto late = std::count_if(chosen.begin(), chosen.end(),
                                   [&](std::size_t i) { return tracks[i].stamp_ns > 0; });
   EXPECT_GT(late, 40) << "of 128, where one in nine tracks is late";
+}
+
+CameraModelPtr CameraOfFocalLength(double focal_px) {
+  CameraIntrinsics intrinsics;
+  intrinsics.model = "plumb_bob";
+  intrinsics.width_px = kWidth_px;
+  intrinsics.height_px = kHeight_px;
+  intrinsics.focal_px = {focal_px, focal_px};
+  intrinsics.principal_point_px = {400.0, 300.0};
+  intrinsics.distortion = {0.0, 0.0, 0.0, 0.0, 0.0};
+  const auto model = CreateCameraModel(intrinsics);
+  return model.ok() ? *model : nullptr;
+}
+
+TEST(TrackSelection, LongRecordingsAndNarrowCamerasHaveMoreTracks) {
+  // From corner to corner 90 degrees, and 23.
+  const CameraModelPtr ordinary = CameraOfFocalLength(500.0);
+  const CameraModelPtr narrow = CameraOfFocalLength(2500.0);
+  const CameraModelPtr between = CameraOfFocalLength(900.0);
+  ASSERT_TRUE(ordinary && narrow && between);
+  EXPECT_EQ(TrackBudget(1000, *ordinary, 2.0), 1000U);
+  EXPECT_EQ(TrackBudget(1000, *ordinary, 10.0), 1000U);
+  EXPECT_EQ(TrackBudget(1000, *ordinary, 25.0), 2500U);
+  EXPECT_EQ(TrackBudget(1000, *ordinary, 300.0), 3000U);
+  EXPECT_EQ(TrackBudget(1000, *narrow, 10.0), 2000U);
+  EXPECT_EQ(TrackBudget(1000, *narrow, 300.0), 6000U);
+  EXPECT_GT(TrackBudget(1000, *between, 10.0), 1100U);
+  EXPECT_LT(TrackBudget(1000, *between, 10.0), 1700U);
+  EXPECT_EQ(TrackBudget(0, *narrow, 300.0), 0U);
 }
 
 TEST(TrackSelection, TheShortestGoWhereTheOthersAreEnough) {

@@ -84,7 +84,8 @@ struct RegistrationOptions {
   void Visit(OptionVisitor& v) {
     v.Field("max_tracks", &max_tracks, {0, 10000000},
             "tracks of a camera that are registered when a segment is asked for, long ones first, "
-            "spread over image and time; 0 for all");
+            "spread over image and time (up to three times as many of more than ten seconds, up to "
+            "twice as many of a camera narrower than 72 degrees from corner to corner); 0 for all");
     v.Field("live_radius_px", &live_radius_px, {3, 30},
             "half edge of the patch that keeps a live track from drifting");
     v.Field("radius_px", &radius_px, {3, 40}, "half edge of the patch of the final registration");
