@@ -43,10 +43,36 @@ ImageQuality TypicalQuality(const std::map<Timestamp, cv::Mat>& images, const cv
   return typical;
 }
 
-std::size_t NumObservations(const std::vector<LiveTrack>& tracks) {
+template <typename TrackType>
+std::size_t NumObservations(const std::vector<TrackType>& tracks) {
   std::size_t num_observations = 0;
-  for (const LiveTrack& track : tracks) num_observations += track.observations.size();
+  for (const TrackType& track : tracks) num_observations += track.observations.size();
   return num_observations;
+}
+
+/// RegistrationOptions::few_tracks_sigma_px.
+TrackingOptions ForFewTracks(TrackingOptions options) {
+  RegistrationOptions& registration = options.registration;
+  registration.max_sigma_px = std::max(registration.max_sigma_px, registration.few_tracks_sigma_px);
+  registration.max_misfit_px =
+      std::max(registration.max_misfit_px, registration.few_tracks_sigma_px);
+  return options;
+}
+
+/// Verified tracks from what was followed.
+std::vector<Track> RegisterAndVerify(const std::vector<LiveTrack>& followed,
+                                     const CameraModel& model,
+                                     const std::map<Timestamp, cv::Mat>& images,
+                                     const cv::Mat& seen, const ImageQuality& quality,
+                                     const TrackingOptions& options) {
+  std::vector<RegisteredTrack> registered = RegisterAgainstReference(
+      followed, images, seen, quality, options.verification.min_observations, options.registration);
+  ExtendTracks(model, images, seen, quality, options, &registered);
+  std::vector<Track> tracks;
+  tracks.reserve(registered.size());
+  for (RegisteredTrack& track : registered) tracks.push_back(std::move(track.track));
+  VerifyTracks(model, options.verification, &tracks);
+  return tracks;
 }
 
 /// The tracks that are worth registering in a recording so long: RegistrationOptions::max_tracks.
@@ -107,7 +133,7 @@ struct CameraTracker::Impl {
   void ForgetOldest();
   bool LooksAlike(Timestamp earlier_ns) const;
   void ForgetStill();
-  void Register(const std::vector<LiveTrack>& followed, const cv::Mat& seen,
+  void Register(const std::vector<LiveTrack>& followed, double followed_share, const cv::Mat& seen,
                 const ImageQuality& quality, CameraSegment* segment) const;
 };
 
@@ -190,14 +216,16 @@ void CameraTracker::Impl::ForgetStill() {
   ++num_images_still;
 }
 
-/// The final tracks from what was followed.
-void CameraTracker::Impl::Register(const std::vector<LiveTrack>& followed, const cv::Mat& seen,
-                                   const ImageQuality& quality, CameraSegment* segment) const {
+/// The final tracks from what was followed, or from `followed_share` of it.
+void CameraTracker::Impl::Register(const std::vector<LiveTrack>& followed, double followed_share,
+                                   const cv::Mat& seen, const ImageQuality& quality,
+                                   CameraSegment* segment) const {
   const std::map<Timestamp, cv::Mat>* images = &grey.images();
   ImageQuality registered_quality = quality;
   TrackingOptions adapted = options;
   ImageStore smoothed(MaxBytes(options));
-  if (IsNoisy(quality, options.noisy)) {
+  const bool is_noisy = IsNoisy(quality, options.noisy);
+  if (is_noisy) {
     const Status status = Smooth(grey.images(), options.noisy.blur_px, &smoothed);
     if (status.ok()) {
       images = &smoothed.images();
@@ -208,12 +236,14 @@ void CameraTracker::Impl::Register(const std::vector<LiveTrack>& followed, const
                                   ": noisy images are registered as they are: " + status.message());
     }
   }
-  std::vector<RegisteredTrack> registered =
-      RegisterAgainstReference(followed, *images, seen, registered_quality,
-                               adapted.verification.min_observations, adapted.registration);
-  ExtendTracks(*model, *images, seen, registered_quality, adapted, &registered);
-  for (RegisteredTrack& track : registered) segment->tracks.push_back(std::move(track.track));
-  VerifyTracks(*model, adapted.verification, &segment->tracks);
+  segment->tracks = RegisterAndVerify(followed, *model, *images, seen, registered_quality, adapted);
+  const double few_observations = followed_share * options.registration.few_tracks_share *
+                                  options.detection.max_features *
+                                  static_cast<double>(images->size());
+  if (!is_noisy && static_cast<double>(NumObservations(segment->tracks)) < few_observations) {
+    segment->tracks = RegisterAndVerify(followed, *model, *images, seen, registered_quality,
+                                        ForFewTracks(adapted));
+  }
   DropShortest(adapted.verification.min_observations,
                static_cast<std::size_t>(options.verification.enough_tracks) * images->size(),
                &segment->tracks);
@@ -276,15 +306,13 @@ CameraSegment CameraTracker::Segment() const {
   live = Selected(std::move(live), duration_s, impl.options, *impl.model);
   const double registered_share = static_cast<double>(NumObservations(live)) /
                                   static_cast<double>(std::max<std::size_t>(1, num_followed));
-  impl.Register(live, mask, quality, &segment);
+  impl.Register(live, registered_share, mask, quality, &segment);
   if (segment.tracks.empty()) {
     segment.warnings.push_back(impl.name + ": no feature could be tracked in " +
                                std::to_string(impl.num_images_in) + " images");
   }
-  std::size_t num_observations = 0;
-  for (const Track& track : segment.tracks) num_observations += track.observations.size();
   const auto tracks_an_image = static_cast<std::size_t>(
-      static_cast<double>(num_observations) /
+      static_cast<double>(NumObservations(segment.tracks)) /
       (std::max(1e-6, registered_share) * static_cast<double>(images.size())));
   if (2 * impl.num_images_black < impl.num_images_in &&
       segment.mean_brightness < impl.options.flow.dark_mean &&

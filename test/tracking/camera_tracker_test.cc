@@ -454,6 +454,30 @@ TEST(CameraTracker, FindsAndKeepsMoreTracksAtFullResolution) {
   EXPECT_LT(errors_px[errors_px.size() / 2], 0.2);
 }
 
+std::size_t NumObservations(const CameraSegment& segment) {
+  std::size_t num_observations = 0;
+  for (const Track& track : segment.tracks) num_observations += track.observations.size();
+  return num_observations;
+}
+
+TEST(CameraTracker, WhereTracksAreFewThoseThatTellLessAreTakenToo) {
+  TrackingOptions strict = SmallOptions();
+  strict.registration.max_sigma_px = strict.registration.max_misfit_px = 0.03;
+  strict.registration.few_tracks_share = 0.0;
+  TrackingOptions never_enough = strict;
+  never_enough.registration.few_tracks_share = 1.0;
+  TrackingOptions lenient = strict;
+  lenient.registration.max_sigma_px = lenient.registration.max_misfit_px =
+      strict.registration.few_tracks_sigma_px;
+  const CameraSegment few = TrackStreet(Pinhole(), strict);
+  const CameraSegment more = TrackStreet(Pinhole(), never_enough);
+  EXPECT_GT(NumObservations(more), 1.2 * NumObservations(few));
+  EXPECT_EQ(NumObservations(more), NumObservations(TrackStreet(Pinhole(), lenient)));
+  EXPECT_LT(Quantile(TrueErrorsPx(*Pinhole(), more.tracks), 0.95), 0.6);
+  strict.registration.few_tracks_share = 0.01;  // 3 an image: there are more
+  EXPECT_EQ(NumObservations(TrackStreet(Pinhole(), strict)), NumObservations(few));
+}
+
 TEST(CameraTracker, EndsTracksThatRunIntoEachOther) {
   TrackingOptions options = SmallOptions();
   options.flow.merge_distance_px = 30.0;

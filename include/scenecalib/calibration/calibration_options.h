@@ -46,9 +46,10 @@ struct JointOptions {
   bool register_through_map = true;
   void Visit(OptionVisitor& v) {
     v.Field("num_rounds", &num_rounds, {1, 100}, "rounds of association and joint solve");
-    v.Field("max_tracks_per_camera", &max_tracks_per_camera, {20, 10000000},
-            "tracks of a camera used in the joint solve; more of long recordings and narrow cameras, "
-            "as for tracking.registration.max_tracks");
+    v.Field(
+        "max_tracks_per_camera", &max_tracks_per_camera, {20, 10000000},
+        "tracks of a camera used in the joint solve; more of long recordings and narrow cameras, "
+        "as for tracking.registration.max_tracks");
     v.Field("inlier_sigmas", &inlier_sigmas, {1.0, 100.0},
             "a track takes part when its RMSE is below so many robust sigmas");
     v.Field("correct_trajectory", &correct_trajectory,

@@ -70,6 +70,8 @@ struct RegistrationOptions {
   double max_correction_px = 3.0;
   double max_sigma_px = 0.1;
   double max_misfit_px = 0.1;
+  double few_tracks_share = 0.13;
+  double few_tracks_sigma_px = 0.2;
   double max_view_sigma_px = 0.06;
   double max_end_sigma_px = 0.18;
   double sigma_floor_px = 0.02;
@@ -106,6 +108,12 @@ struct RegistrationOptions {
         "the reference view, are dropped");
     v.Field("max_misfit_px", &max_misfit_px, {0.001, 10},
             "the same for what of the uncertainty the image noise does not explain");
+    v.Field("few_tracks_share", &few_tracks_share, {0, 1},
+            "where fewer tracks are left in an image, on average, than this share of "
+            "detection.max_features...");
+    v.Field("few_tracks_sigma_px", &few_tracks_sigma_px, {0.01, 10},
+            "...both may be this, if that is more: tracks that tell less are better than few (not "
+            "in noisy images, which have limits of their own)");
     v.Field("max_view_sigma_px", &max_view_sigma_px, {0, 10},
             "where the scale has changed too much for the reference view, a sighting more certain "
             "than this takes its place for those beyond it; 0: none");
