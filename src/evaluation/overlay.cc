@@ -6,6 +6,8 @@
 #include <limits>
 #include <opencv2/imgproc.hpp>
 
+#include "scenecalib/sensor/lens_shape.h"
+
 namespace scenecalib {
 namespace {
 
@@ -13,13 +15,8 @@ constexpr int kCellPx = 4;  // of the depth buffer
 // Depth differences within a cell on ground seen from this height are not occlusions.
 constexpr double kCameraHeightM = 1.5;
 constexpr double kDepthMarginM = 0.5;
-
-/// Pixels per radian at the image's centre of view.
-double PixelsPerRadian(const CameraModel& camera) {
-  ProjectionJacobians jacobians;
-  const auto center = camera.ProjectTuned(Eigen::Vector3d::UnitZ(), camera.tunable(), &jacobians);
-  return center ? jacobians.pixel_by_point.leftCols<2>().diagonal().mean() : 1.0;
-}
+/// Outside the field of view by more than this nothing is seen, however the shutter rolls.
+constexpr double kFieldMargin_rad = 0.1;
 
 /// Smallest range per cell of kCellPx.
 class DepthBuffer {
@@ -179,7 +176,8 @@ void DrawDots(const std::vector<VisiblePoint>& visible, const std::vector<cv::Ve
 std::vector<VisiblePoint> FindVisiblePoints(const CameraModel& camera,
                                             const std::vector<MapPoint>& points,
                                             const ImagePose& pose, const OverlayOptions& options) {
-  const double px_per_rad = PixelsPerRadian(camera);
+  const double px_per_rad = std::max(1.0, FocalAtAxisPx(camera));
+  const double min_cosine = std::cos(std::min(M_PI, camera.max_theta_rad() + kFieldMargin_rad));
   const Rigid3 camera_from_map = pose.map_from_camera().Inverse();
   const Eigen::Matrix3d rotation = camera_from_map.RotationMatrix();
   DepthBuffer depth(camera.width_px(), camera.height_px());
@@ -189,6 +187,7 @@ std::vector<VisiblePoint> FindVisiblePoints(const CameraModel& camera,
     Eigen::Vector3d point_in_camera = rotation * point_in_map + camera_from_map.translation;
     const double range_m = point_in_camera.norm();
     if (!(range_m >= options.min_range_m && range_m <= options.max_range_m)) continue;
+    if (point_in_camera.z() < min_cosine * range_m) continue;
     if (pose.is_rolling()) {
       const auto seen = pose.WhenSeen(camera, point_in_map);
       if (!seen) continue;
