@@ -115,8 +115,9 @@ Status ChangeLenses(const CalibrationProblem& problem, JointCalibration* joint) 
 }
 
 /// Registers the inlier tracks of one camera again, now that their planes, the trajectory and a
-/// calibration are known. Tracks without a plane, or at the edge of one, stay as they are, and all
-/// else of the joint solution.
+/// calibration are known. Tracks at the edge of a plane are dropped: their patches hold something
+/// else, and every camera sees them move too little. Tracks without a plane stay as they are, and
+/// all else of the joint solution.
 Status RegisterAgain(const JointCamera& camera, int index, const std::vector<TransferTerm>& terms,
                      const Trajectory& trajectory, const RayCaster& caster,
                      const CalibrationOptions& options, JointCalibration* joint) {
@@ -146,7 +147,10 @@ Status RegisterAgain(const JointCamera& camera, int index, const std::vector<Tra
   std::vector<Track> tied;
   std::vector<TrackPlane> planes;
   for (std::size_t i = 0; i < candidates.size(); ++i) {
-    if (radii[i] == 0) continue;
+    if (radii[i] == 0) {
+      tracks[candidates[i]].observations.clear();
+      continue;
+    }
     indices.push_back(candidates[i]);
     tied.push_back(tracks[candidates[i]]);
     planes.push_back(patches[i].plane);
