@@ -93,6 +93,8 @@ std::string ToString(AssociationOutcome outcome) {
       return "normals disagree";
     case AssociationOutcome::kDistancesDisagree:
       return "distances disagree";
+    case AssociationOutcome::kNotAsPredicted:
+      return "edge, or not as the map predicts";
   }
   return "unknown";
 }

@@ -102,8 +102,12 @@ std::vector<TransferTerm> AssociateAndBuildTerms(
       AssociateTracks(BuildBundles(context, tracks), caster, gates, options.association);
   if (num_by_outcome != nullptr) {
     num_by_outcome->fill(0);
-    for (const TrackAssociation& association : associations) {
-      ++(*num_by_outcome)[static_cast<int>(association.outcome)];
+    for (std::size_t i = 0; i < tracks.size(); ++i) {
+      // Registration through the map leaves nothing of the tracks that it drops.
+      const AssociationOutcome outcome = tracks[i].observations.empty()
+                                             ? AssociationOutcome::kNotAsPredicted
+                                             : associations[i].outcome;
+      ++(*num_by_outcome)[static_cast<std::size_t>(outcome)];
     }
   }
   std::vector<TransferTerm> terms = BuildTerms(context, tracks, associations, options.terms);

@@ -2,6 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
+#include <numeric>
+
+#include "scenecalib/calibration/camera_calibration.h"
+#include "scenecalib/mapping/ray_caster.h"
 #include "scenecalib/sensor/lens_shape.h"
 #include "testing/canyon_scene.h"
 
@@ -53,6 +58,29 @@ TEST(RigCalibrator, RecoversTheTruthFromTwoDegreesAndTwentyCentimetres) {
       EXPECT_LT(error.translation_m, 0.015);
     }
   }
+}
+
+TEST(AssociateAndBuildTerms, CountsWhatRegistrationThroughTheMapDroppedByItself) {
+  const CanyonScene scene = MakeCanyonScene(TwoCameras(), {});
+  std::vector<Track> tracks = scene.segments[0].tracks;
+  ASSERT_GT(tracks.size(), 100U);
+  for (std::size_t i = 0; i < 10; ++i) tracks[3 * i].observations.clear();
+  const std::vector<CameraParameters> cameras = {InitialParameters(scene.rig.cameras[0])};
+  const TrajectoryCorrection no_correction;
+  CameraContext context;
+  context.parameters = &cameras[0];
+  context.map_from_lidar = &scene.map.map_from_lidar;
+  context.correction = &no_correction;
+  const auto caster = RayCaster::Create(scene.map);
+  ASSERT_TRUE(caster.ok());
+  const CalibrationOptions options;
+  std::array<int, kNumAssociationOutcomes> counts{};
+  AssociateAndBuildTerms(context, cameras, tracks, *caster,
+                         GatesOfRound(options.coarse_to_fine, options.coarse_to_fine.num_rounds),
+                         options, &counts);
+  EXPECT_EQ(counts[static_cast<std::size_t>(AssociationOutcome::kNotAsPredicted)], 10);
+  EXPECT_GT(counts[static_cast<std::size_t>(AssociationOutcome::kAccepted)], 50);
+  EXPECT_EQ(std::accumulate(counts.begin(), counts.end(), 0), static_cast<int>(tracks.size()));
 }
 
 TEST(RigCalibrator, TrajectoryCorrectionAbsorbsSmoothTrajectoryErrors) {

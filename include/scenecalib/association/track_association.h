@@ -44,8 +44,9 @@ enum class AssociationOutcome {
   kGrazing,            ///< seen too flat to fix a point
   kNormalsDisagree,    ///< s_theta below its threshold
   kDistancesDisagree,  ///< s_d below its threshold
+  kNotAsPredicted,     ///< registered through the map it was at its surface's edge, or not found
 };
-constexpr int kNumAssociationOutcomes = 6;
+constexpr int kNumAssociationOutcomes = 7;
 
 /// "accepted", "too few hits", ...
 std::string ToString(AssociationOutcome outcome);
