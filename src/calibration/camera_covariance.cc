@@ -21,7 +21,7 @@ namespace {
 
 /// Errors that all seconds share (of the surfaces, of the registration of patches) are seen neither
 /// by the formal covariance nor by the spread over seconds. On simulated drives the squared errors
-/// are this many times what both say (docs/accuracy.md).
+/// are three to this many times what both say (docs/accuracy.md).
 constexpr double kCommonErrors = 4.0;
 
 using SparseMatrix = Eigen::SparseMatrix<double, Eigen::RowMajor>;
