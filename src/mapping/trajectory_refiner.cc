@@ -192,6 +192,13 @@ double MeasureThickness(const Problem& problem, const PoseSpline& spline,
   return patches.ok() ? MedianThickness(*patches) : 0.0;
 }
 
+/// Where a step only has to come close (the first rounds, and the halves, whose difference is a
+/// measure of noise), solving it further than the next association would move it again is lost.
+double CloseTolerance(const RefinementOptions& options) {
+  constexpr double kClose = 0.01;
+  return std::max(kClose, options.solver_tolerance);
+}
+
 /// What both halves of the data do not see: along a degenerate direction the odometry's scale is
 /// the error, and it is the same for both.
 void AddScaleError(const PoseSpline& spline, const DegenerateDirections& degenerate,
@@ -221,7 +228,7 @@ std::vector<RelativeMotionSigma> EstimateRelativeMotion(const PoseSpline& spline
   for (const bool first : {true, false}) {
     const auto solution = Linearise(spline, patches, InHalf(patches, first), motion,
                                     first ? DataSubset::kEven : DataSubset::kOdd, options)
-                              .Solve(options.max_solver_iterations, options.solver_tolerance);
+                              .Solve(options.max_solver_iterations, CloseTolerance(options));
     if (!solution.ok) return {};
     ApplyStep(solution.step, &halves[first ? 0 : 1]);
   }
@@ -287,9 +294,11 @@ Result<RefinementResult> RefineTrajectory(const PoseSpline& initial,
     if (!patches.ok()) return patches.status();
     motion.inertial.UpdateSigmas(spline);
     motion.odometry.UpdateSigma(spline);
-    const auto solution = Linearise(spline, *patches, std::vector<bool>(patches->size(), true),
-                                    motion, DataSubset::kAll, options, by_laser ? &lasers : nullptr)
-                              .Solve(options.max_solver_iterations, options.solver_tolerance);
+    const auto solution =
+        Linearise(spline, *patches, std::vector<bool>(patches->size(), true), motion,
+                  DataSubset::kAll, options, by_laser ? &lasers : nullptr)
+            .Solve(options.max_solver_iterations,
+                   all_points ? options.solver_tolerance : CloseTolerance(options));
     if (!solution.ok) return Status::NumericalFailure("the trajectory's normal equations failed");
     const Eigen::Vector2d change = ApplyStep(solution.step, &spline);
     const auto num_poses =

@@ -30,7 +30,7 @@ struct RefinementOptions {
   double max_jerk_m_s3 = 10.0;
   double max_angular_jerk_rad_s3 = 4.0;
   int max_solver_iterations = 150;
-  double solver_tolerance = 1e-4;
+  double solver_tolerance = 1e-3;
   bool use_accelerometer = true;
   bool use_odometry = true;
   bool estimate_lasers = true;
@@ -55,7 +55,7 @@ struct RefinementOptions {
     v.Field("max_solver_iterations", &max_solver_iterations, {1, 10000},
             "conjugate-gradient iterations of a round");
     v.Field("solver_tolerance", &solver_tolerance, {1e-12, 0.5},
-            "relative residual at which a round's linear solve stops");
+            "relative residual at which the last rounds' linear solves stop");
     v.Field("use_accelerometer", &use_accelerometer, "false: only the gyroscope is used");
     v.Field("use_odometry", &use_odometry,
             "false: the odometry only predicts where the registration of a scan begins");
