@@ -115,9 +115,8 @@ Status ChangeLenses(const CalibrationProblem& problem, JointCalibration* joint) 
 }
 
 /// Registers the inlier tracks of one camera again, now that their planes, the trajectory and a
-/// calibration are known. Tracks at the edge of a plane are dropped: their patches hold something
-/// else, and every camera sees them move too little. Tracks without a plane stay as they are, and
-/// all else of the joint solution.
+/// calibration are known, and drops those at the edge of a plane. Tracks without a plane stay as
+/// they are, and all else of the joint solution.
 Status RegisterAgain(const JointCamera& camera, int index, const std::vector<TransferTerm>& terms,
                      const Trajectory& trajectory, const RayCaster& caster,
                      const CalibrationOptions& options, JointCalibration* joint) {
@@ -141,25 +140,12 @@ Status RegisterAgain(const JointCamera& camera, int index, const std::vector<Tra
                        pose->second.At(reference.pixel.y()),
                        {term.plane_point_in_map_m, term.plane_normal_in_map}});
   }
-  const std::vector<int> radii =
-      RadiiOnPlane(patches, **model, caster, options.map_guided.radius_px);
-  std::vector<int> indices;
-  std::vector<Track> tied;
-  std::vector<TrackPlane> planes;
-  for (std::size_t i = 0; i < candidates.size(); ++i) {
-    if (radii[i] == 0) {
-      tracks[candidates[i]].observations.clear();
-      continue;
-    }
-    indices.push_back(candidates[i]);
-    tied.push_back(tracks[candidates[i]]);
-    planes.push_back(patches[i].plane);
-    planes.back().radius_px = radii[i];
-  }
-  MapGuidedTracks registered =
-      RegisterThroughMap(tied, planes, **model, poses, camera.segment->images, options.map_guided);
-  for (std::size_t i = 0; i < indices.size(); ++i) {
-    tracks[indices[i]] = std::move(registered.tracks[i]);
+  const TiedTracks tied = DropTracksAtEdges(candidates, patches, **model, caster,
+                                            options.map_guided.radius_px, &tracks);
+  MapGuidedTracks registered = RegisterThroughMap(tied.tracks, tied.planes, **model, poses,
+                                                  camera.segment->images, options.map_guided);
+  for (std::size_t i = 0; i < tied.indices.size(); ++i) {
+    tracks[tied.indices[i]] = std::move(registered.tracks[i]);
   }
   return Status::Ok();
 }

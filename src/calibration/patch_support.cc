@@ -58,4 +58,23 @@ std::vector<int> RadiiOnPlane(const std::vector<PatchOnSurface>& patches, const 
   return radii;
 }
 
+TiedTracks DropTracksAtEdges(const std::vector<int>& indices,
+                             const std::vector<PatchOnSurface>& patches, const CameraModel& model,
+                             const RayCaster& caster, int radius_px, std::vector<Track>* tracks) {
+  const std::vector<int> radii = RadiiOnPlane(patches, model, caster, radius_px);
+  TiedTracks tied;
+  for (std::size_t i = 0; i < indices.size(); ++i) {
+    Track& track = (*tracks)[indices[i]];
+    if (radii[i] == 0) {
+      track.observations.clear();
+      continue;
+    }
+    tied.indices.push_back(indices[i]);
+    tied.tracks.push_back(track);
+    tied.planes.push_back(patches[i].plane);
+    tied.planes.back().radius_px = radii[i];
+  }
+  return tied;
+}
+
 }  // namespace scenecalib

@@ -22,4 +22,18 @@ struct PatchOnSurface {
 std::vector<int> RadiiOnPlane(const std::vector<PatchOnSurface>& patches, const CameraModel& model,
                               const RayCaster& caster, int radius_px);
 
+/// Tracks whose reference patches hold nothing but their planes.
+struct TiedTracks {
+  std::vector<int> indices;  ///< of the tracks among all
+  std::vector<Track> tracks;
+  std::vector<TrackPlane> planes;  ///< with the radius that is on the plane
+};
+
+/// Of the tracks with these indices, whose reference patches are `patches`, those that lie on their
+/// planes. The others lose their observations: at the edge of a plane a patch holds something else
+/// too, and every camera would see them move too little.
+TiedTracks DropTracksAtEdges(const std::vector<int>& indices,
+                             const std::vector<PatchOnSurface>& patches, const CameraModel& model,
+                             const RayCaster& caster, int radius_px, std::vector<Track>* tracks);
+
 }  // namespace scenecalib

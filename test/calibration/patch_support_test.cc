@@ -31,7 +31,7 @@ SceneMap WallWithStep(double step_x_m, double recess_m) {
   return map;
 }
 
-std::vector<int> RadiiAt(const SceneMap& map, const Eigen::Vector2d& pixel) {
+CameraModelPtr Camera() {
   CameraIntrinsics intrinsics;
   intrinsics.model = "plumb_bob";
   intrinsics.width_px = 960;
@@ -39,13 +39,19 @@ std::vector<int> RadiiAt(const SceneMap& map, const Eigen::Vector2d& pixel) {
   intrinsics.focal_px = {kFocal_px, kFocal_px};
   intrinsics.principal_point_px = {480.0, 300.0};
   intrinsics.distortion = {0, 0, 0, 0, 0};
-  const auto model = CreateCameraModel(intrinsics);
-  const auto caster = RayCaster::Create(map);
+  return CreateCameraModel(intrinsics).value();
+}
+
+PatchOnSurface PatchAt(const Eigen::Vector2d& pixel) {
   PatchOnSurface patch;
   patch.pixel = pixel;
   patch.plane.point_in_map_m = {0.0, 0.0, kWallRange_m};
   patch.plane.normal_in_map = -Eigen::Vector3d::UnitZ();
-  return RadiiOnPlane({patch}, **model, *caster, kRadius_px);
+  return patch;
+}
+
+std::vector<int> RadiiAt(const SceneMap& map, const Eigen::Vector2d& pixel) {
+  return RadiiOnPlane({PatchAt(pixel)}, *Camera(), *RayCaster::Create(map), kRadius_px);
 }
 
 TEST(RadiiOnPlane, AWallAloneGivesTheWholePatch) {
@@ -75,6 +81,28 @@ TEST(RadiiOnPlane, ARecessShallowerThanTheMapsErrorsDoesNotCount) {
 TEST(RadiiOnPlane, NothingIsLeftAtTheVeryEdgeOrWhereTheMapShowsNothing) {
   EXPECT_EQ(RadiiAt(WallWithStep(0.02, 0.1), {480.0, 300.0}), std::vector<int>{0});
   EXPECT_EQ(RadiiAt(WallWithStep(5.0, 0.0), {20.0, 300.0}), std::vector<int>{0});
+}
+
+TEST(DropTracksAtEdges, EmptiesThemAndLeavesTheOthers) {
+  std::vector<Track> tracks(4);
+  for (std::size_t i = 0; i < tracks.size(); ++i) {
+    tracks[i].id = static_cast<std::int64_t>(i);
+    tracks[i].observations.resize(3 + i);
+  }
+  // The recess begins 1 px right of the first patch's centre, 51 px right of the second's.
+  const TiedTracks tied =
+      DropTracksAtEdges({1, 3}, {PatchAt({480.0, 300.0}), PatchAt({430.0, 300.0})}, *Camera(),
+                        *RayCaster::Create(WallWithStep(0.02, 0.1)), kRadius_px, &tracks);
+  EXPECT_EQ(tied.indices, std::vector<int>{3});
+  ASSERT_EQ(tied.tracks.size(), 1U);
+  EXPECT_EQ(tied.tracks[0].id, 3);
+  ASSERT_EQ(tied.planes.size(), 1U);
+  EXPECT_EQ(tied.planes[0].radius_px, kRadius_px);
+  EXPECT_TRUE(tracks[1].observations.empty());
+  // Neither the one on the wall nor those without a plane lose anything.
+  EXPECT_EQ(tracks[0].observations.size(), 3U);
+  EXPECT_EQ(tracks[2].observations.size(), 5U);
+  EXPECT_EQ(tracks[3].observations.size(), 6U);
 }
 
 }  // namespace
