@@ -5,16 +5,15 @@
 
 #include <Eigen/SVD>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <limits>
 #include <optional>
-#include <unordered_map>
 #include <utility>
 
+#include "feature_point_grid.h"
 #include "patch_correlation.h"
 #include "scenecalib/tracking/patch_registration.h"
 #include "scenecalib/tracking/plane_warp.h"
+#include "warped_sampling.h"
 
 namespace scenecalib {
 namespace {
@@ -35,54 +34,6 @@ constexpr double kMaxRange_m = 150.0;
 constexpr double kSharp = 0.7;
 
 using Candidate = std::pair<int, Timestamp>;  ///< source point, target stamp
-
-struct CellHash {
-  std::size_t operator()(const std::array<int, 3>& cell) const {
-    return static_cast<std::size_t>(cell[0]) * 73856093U ^
-           static_cast<std::size_t>(cell[1]) * 19349663U ^
-           static_cast<std::size_t>(cell[2]) * 83492791U;
-  }
-};
-
-/// Radius search over a camera's feature points.
-class PointGrid {
- public:
-  PointGrid(const std::vector<FeaturePoint>& points, double radius_m)
-      : points_(points), radius_m_(radius_m) {
-    for (std::size_t i = 0; i < points.size(); ++i) {
-      cells_[CellOf(points[i].point_in_map_m)].push_back(static_cast<int>(i));
-    }
-  }
-
-  /// Stamps at which the camera tracked something near the point, each once, in order.
-  std::vector<Timestamp> StampsNear(const Eigen::Vector3d& point_in_map_m) const {
-    std::vector<Timestamp> stamps;
-    const std::array<int, 3> centre = CellOf(point_in_map_m);
-    for (int k = 0; k < 27; ++k) {
-      const auto cell =
-          cells_.find({centre[0] + k / 9 - 1, centre[1] + k / 3 % 3 - 1, centre[2] + k % 3 - 1});
-      if (cell == cells_.end()) continue;
-      for (const int i : cell->second) {
-        if ((points_[i].point_in_map_m - point_in_map_m).norm() > radius_m_) continue;
-        stamps.insert(stamps.end(), points_[i].stamps_ns.begin(), points_[i].stamps_ns.end());
-      }
-    }
-    std::sort(stamps.begin(), stamps.end());
-    stamps.erase(std::unique(stamps.begin(), stamps.end()), stamps.end());
-    return stamps;
-  }
-
- private:
-  std::array<int, 3> CellOf(const Eigen::Vector3d& point) const {
-    return {static_cast<int>(std::floor(point.x() / radius_m_)),
-            static_cast<int>(std::floor(point.y() / radius_m_)),
-            static_cast<int>(std::floor(point.z() / radius_m_))};
-  }
-
-  const std::vector<FeaturePoint>& points_;
-  double radius_m_;
-  std::unordered_map<std::array<int, 3>, std::vector<int>, CellHash> cells_;
-};
 
 /// Eq. (4) through a plane: pixel of one view to pixel of another, both ways alike.
 struct PlaneTransfer {
@@ -134,7 +85,7 @@ class PairMatcher {
         options_(options) {}
 
   /// The views of the target that show a point most like its reference view does.
-  std::vector<Candidate> Candidates(const PointGrid& target_points) const {
+  std::vector<Candidate> Candidates(const FeaturePointGrid& target_points) const {
     std::vector<int> near;
     std::vector<std::vector<Timestamp>> stamps;
     for (std::size_t i = 0; i < source_.points.size(); ++i) {
@@ -327,49 +278,8 @@ class PairMatcher {
                                : 0;
       }
     }
-    SamplePatch(source_image, map, 1.0 / target_px_per_source_px > kFinerScale, patch);
+    *patch = SampleAt(source_image, map, 1.0 / target_px_per_source_px > kFinerScale);
     return static_cast<double>(cv::countNonZero(*mask)) / (edge * edge);
-  }
-
-  /// Reads the source at the mapped positions. Where it is finer, the mean of four places within
-  /// the target's pixel keeps what the target cannot resolve out. Written out because OpenCV's own
-  /// filters and warps round differently for different numbers of threads.
-  static void SamplePatch(const cv::Mat& source, const cv::Mat2f& map, bool finer, cv::Mat* patch) {
-    cv::Mat1b sampled(map.size());
-    for (int y = 0; y < map.rows; ++y) {
-      for (int x = 0; x < map.cols; ++x) {
-        const cv::Vec2f at = map(y, x);
-        float grey = 0.0F;
-        if (finer) {
-          const cv::Vec2f right =
-              map(y, std::min(x + 1, map.cols - 1)) - map(y, std::max(x - 1, 0));
-          const cv::Vec2f down = map(std::min(y + 1, map.rows - 1), x) - map(std::max(y - 1, 0), x);
-          for (const float a : {-0.125F, 0.125F}) {
-            for (const float b : {-0.125F, 0.125F}) {
-              grey += 0.25F * Bilinear(source, at + a * right + b * down);
-            }
-          }
-        } else {
-          grey = Bilinear(source, at);
-        }
-        sampled(y, x) = static_cast<uchar>(grey + 0.5F);
-      }
-    }
-    *patch = sampled;
-  }
-
-  /// Grey value between pixels; beyond the border that of the border.
-  static float Bilinear(const cv::Mat& image, const cv::Vec2f& at) {
-    const float x = std::min(std::max(at[0], 0.0F), static_cast<float>(image.cols) - 1.001F);
-    const float y = std::min(std::max(at[1], 0.0F), static_cast<float>(image.rows) - 1.001F);
-    const int x0 = static_cast<int>(x);
-    const int y0 = static_cast<int>(y);
-    const float a = x - static_cast<float>(x0);
-    const float b = y - static_cast<float>(y0);
-    const uchar* row = image.ptr<uchar>(y0) + x0;
-    const uchar* next = image.ptr<uchar>(y0 + 1) + x0;
-    return (1.0F - b) * ((1.0F - a) * row[0] + a * row[1]) +
-           b * ((1.0F - a) * next[0] + a * next[1]);
   }
 
   Verdict Refine(const FeaturePoint& point, const PatchWarp& predicted, const cv::Mat& source_image,
@@ -432,7 +342,7 @@ CrossCameraMatching MatchAcrossCameras(const std::vector<MatchingCamera>& camera
                                        const RayCaster& caster, const CrossCameraOptions& options) {
   CrossCameraMatching result;
   if (!options.enabled) return result;
-  std::vector<PointGrid> grids;
+  std::vector<FeaturePointGrid> grids;
   grids.reserve(cameras.size());
   for (const MatchingCamera& camera : cameras) grids.emplace_back(camera.points, options.radius_m);
   const int num_cameras = static_cast<int>(cameras.size());
