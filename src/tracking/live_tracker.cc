@@ -6,10 +6,10 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <opencv2/imgproc.hpp>
 #include <utility>
 
+#include "feature_prediction.h"
 #include "pixel_mask.h"
 #include "scenecalib/tracking/track_verification.h"
 
@@ -103,74 +103,10 @@ FrameTracking LiveTracker::Add(const GrayImage& image) {
   return frame;
 }
 
-/// Motion under perspective grows geometrically as things come nearer, so the last step is repeated
-/// with its own growth; a feature without history borrows its neighbours' motion.
-std::vector<LiveTracker::Prediction> LiveTracker::Predict(Timestamp stamp_ns) const {
-  std::vector<Prediction> predicted(active_.size());
-  std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>> known;  // pixel, step
-  std::vector<std::size_t> unknown;
-  const double last_s = SecondsBetween(before_previous_stamp_ns_, previous_stamp_ns_);
-  const double ratio =
-      last_s > 0.0 ? std::min(2.0, SecondsBetween(previous_stamp_ns_, stamp_ns) / last_s) : 1.0;
-  for (std::size_t i = 0; i < active_.size(); ++i) {
-    const auto& observations = active_[i].track.observations;
-    const std::size_t n = observations.size();
-    const LiveObservation& last = active_[i].place;
-    predicted[i].pixel = last.pixel;
-    predicted[i].affine_from_first = last.affine_from_first;
-    if (active_[i].num_missed > 0) continue;
-    if (n < 2 || observations[n - 2].stamp_ns != before_previous_stamp_ns_) {
-      unknown.push_back(i);
-      continue;
-    }
-    Eigen::Vector2d step = last.pixel - observations[n - 2].pixel;
-    if (n > 2 &&
-        SecondsBetween(observations[n - 3].stamp_ns, before_previous_stamp_ns_) < 1.5 * last_s) {
-      const double before = (observations[n - 2].pixel - observations[n - 3].pixel).norm();
-      // Only steps well above the noise tell how they grow.
-      if (before > 2.0) step *= std::clamp(step.norm() / before, 0.6, 1.6);
-      predicted[i].affine_from_first = last.affine_from_first *
-                                       observations[n - 2].affine_from_first.inverse() *
-                                       last.affine_from_first;
-    }
-    predicted[i].pixel += ratio * step;
-    known.emplace_back(last.pixel, ratio * step);
-  }
-  for (std::size_t i : unknown) {
-    const auto step = scene_flow_ ? scene_flow_->Predict(predicted[i].pixel) : std::nullopt;
-    if (step) {
-      predicted[i].pixel += ratio * (step->center_px - predicted[i].pixel);
-      predicted[i].affine_from_first = step->affine * predicted[i].affine_from_first;
-    } else {
-      BorrowMotion(known, &predicted[i]);
-    }
-  }
-  return predicted;
-}
-
-/// Adds the median motion of the nearest features whose motion is known.
-void LiveTracker::BorrowMotion(
-    const std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>>& known,
-    Prediction* predicted) const {
-  constexpr std::size_t kNeighbours = 5;
-  if (known.size() < kNeighbours) return;
-  std::vector<std::pair<double, std::size_t>> nearest(known.size());
-  for (std::size_t k = 0; k < known.size(); ++k) {
-    nearest[k] = {(known[k].first - predicted->pixel).squaredNorm(), k};
-  }
-  std::partial_sort(nearest.begin(), nearest.begin() + kNeighbours, nearest.end());
-  double x[kNeighbours], y[kNeighbours];
-  for (std::size_t k = 0; k < kNeighbours; ++k) {
-    x[k] = known[nearest[k].second].second.x();
-    y[k] = known[nearest[k].second].second.y();
-  }
-  std::sort(x, x + kNeighbours);
-  std::sort(y, y + kNeighbours);
-  predicted->pixel += Eigen::Vector2d(x[kNeighbours / 2], y[kNeighbours / 2]);
-}
-
 void LiveTracker::Follow(const GrayImage& image, const FlowPyramid& pyramid, FrameTracking* frame) {
-  std::vector<Prediction> predicted = Predict(image.stamp_ns);
+  std::vector<FeaturePrediction> predicted =
+      PredictFeatures(active_, scene_flow_ ? &*scene_flow_ : nullptr,
+                      {before_previous_stamp_ns_, previous_stamp_ns_, image.stamp_ns});
   std::vector<Eigen::Vector2d> before, expected;
   std::vector<std::size_t> followed;
   for (std::size_t i = 0; i < active_.size(); ++i) {
@@ -210,7 +146,8 @@ bool LiveTracker::FindAgain(const GrayImage& image, const FlowPyramid& pyramid,
   if (!scene_flow_) return false;
   const auto step = scene_flow_->Predict(active_track->place.pixel);
   if (!step || !IsSet(domain_, step->center_px)) return false;
-  const Prediction predicted{step->center_px, step->affine * active_track->place.affine_from_first};
+  const FeaturePrediction predicted{step->center_px,
+                                    step->affine * active_track->place.affine_from_first};
   if (!active_track->straddles_edge) {
     if (active_track->num_missed == 0
             ? Rescue(image, pyramid, *step, active_track)
@@ -226,7 +163,7 @@ bool LiveTracker::FindAgain(const GrayImage& image, const FlowPyramid& pyramid,
 }
 
 /// Registers one feature against its patch; false when the track ends here.
-bool LiveTracker::Extend(const GrayImage& image, const Prediction& predicted, double min_ncc,
+bool LiveTracker::Extend(const GrayImage& image, const FeaturePrediction& predicted, double min_ncc,
                          ActiveTrack* active_track) const {
   const RegistrationOptions& registration = options_.registration;
   PatchWarp initial;
@@ -284,7 +221,7 @@ void LiveTracker::EstimateSceneFlow(const std::vector<char>& is_extended) {
 bool LiveTracker::Rescue(const GrayImage& image, const FlowPyramid& pyramid, const PatchWarp& step,
                          ActiveTrack* active_track) const {
   const LiveObservation& last = active_track->place;
-  Prediction predicted{step.center_px, step.affine * last.affine_from_first};
+  FeaturePrediction predicted{step.center_px, step.affine * last.affine_from_first};
   if (pyramid.base_level > 0) {
     const double scale = pyramid.scale();
     const auto patch = PatchTemplate::Create(previous_pyramid_.base(), last.pixel / scale,

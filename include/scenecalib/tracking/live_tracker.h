@@ -31,6 +31,8 @@ struct ActiveTrack {
   bool straddles_edge = false;  ///< not followed any more, only kept from being detected again
 };
 
+struct FeaturePrediction;
+
 /// Features followed from image to image:
 ///   predict where each goes -> pyramidal Lucas-Kanade there and back on reduced images ->
 ///   registration of the patch against an earlier view of the same track, which stops drift and
@@ -66,17 +68,8 @@ class LiveTracker {
   cv::Mat Mask() const { return open_.clone(); }
 
  private:
-  /// Where a feature is expected, and by how much its surroundings are stretched there.
-  struct Prediction {
-    Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
-    Eigen::Matrix2d affine_from_first = Eigen::Matrix2d::Identity();
-  };
-
-  std::vector<Prediction> Predict(Timestamp stamp_ns) const;
-  void BorrowMotion(const std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>>& known,
-                    Prediction* predicted) const;
   void Follow(const GrayImage& image, const FlowPyramid& pyramid, FrameTracking* frame);
-  bool Extend(const GrayImage& image, const Prediction& predicted, double min_ncc,
+  bool Extend(const GrayImage& image, const FeaturePrediction& predicted, double min_ncc,
               ActiveTrack* active_track) const;
   bool Rescue(const GrayImage& image, const FlowPyramid& pyramid, const PatchWarp& step,
               ActiveTrack* active_track) const;
