@@ -153,7 +153,8 @@ TEST(SegmentMapper, LetsOdometryTellTheWayThroughATunnelWithoutFeatures) {
   // The odometry's own error: one per cent of 6 m and its noise.
   EXPECT_LT(error[0], 0.08);
   EXPECT_LT(error[1], 1e-3);
-  EXPECT_LT(error[0], 0.5 * without[0]);
+  // Left alone, the unseen direction stays about where the first registration put it.
+  EXPECT_LT(error[0], 0.75 * without[0]);
   // Its scale is unknown there, and that is said.
   ASSERT_EQ(with.map.relative_motion.size(), 3U);
   EXPECT_GT(with.map.relative_motion[2].translation_m, error[0]);
