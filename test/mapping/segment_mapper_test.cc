@@ -148,8 +148,8 @@ TEST(SegmentMapper, LetsOdometryTellTheWayThroughATunnelWithoutFeatures) {
   const MappingResult with = MapWithOdometry(drive, true);
   EXPECT_TRUE(with.report.used_odometry);
   const Eigen::Vector2d error = RelativeMotionError(with.map.map_from_lidar, truth, 1.0);
-  const Eigen::Vector2d without =
-      RelativeMotionError(MapWithOdometry(drive, false).map.map_from_lidar, truth, 1.0);
+  const MappingResult alone = MapWithOdometry(drive, false);
+  const Eigen::Vector2d without = RelativeMotionError(alone.map.map_from_lidar, truth, 1.0);
   // The odometry's own error: one per cent of 6 m and its noise.
   EXPECT_LT(error[0], 0.08);
   EXPECT_LT(error[1], 1e-3);
@@ -159,6 +159,10 @@ TEST(SegmentMapper, LetsOdometryTellTheWayThroughATunnelWithoutFeatures) {
   ASSERT_EQ(with.map.relative_motion.size(), 3U);
   EXPECT_GT(with.map.relative_motion[2].translation_m, error[0]);
   EXPECT_TRUE(Warns(with, "does not fix the motion"));
+  ASSERT_EQ(alone.map.relative_motion.size(), 3U);
+  // Nobody knows it there, and about that much is stated.
+  EXPECT_GT(alone.map.relative_motion[2].translation_m, 0.5 * without[0]);
+  EXPECT_TRUE(Warns(alone, "does not fix the motion"));
 }
 
 TEST(SegmentMapper, DoesNotLetOdometrySpoilWhatTheLidarSees) {
