@@ -4,6 +4,8 @@
 
 #include <opencv2/core.hpp>
 
+#include "tracking/synthetic_scene.h"
+
 namespace scenecalib {
 namespace {
 
@@ -67,6 +69,42 @@ TEST(PredictFeatures, AFeatureWithoutHistoryBorrowsItsNeighboursMotion) {
   EXPECT_NEAR(predicted.back().pixel.y(), 61.0, 1e-9);
   // With nobody near enough known it stays.
   EXPECT_NEAR(PredictFeatures({active.back()}, nullptr, kTimes)[0].pixel.x(), 110.0, 1e-9);
+}
+
+TEST(PredictFeatures, AFeatureWithoutHistoryFollowsTheSceneFlow) {
+  // Ahead over a road: what is near and new moves unlike all that is followed far ahead.
+  const CameraModelPtr model = testing::MakeFisheye(800, 600, 230.0);
+  const Eigen::Vector3d ahead_m(0.05, 0.0, 0.9);
+  const auto after = [&](const Eigen::Vector2d& pixel) {
+    const Eigen::Vector3d ray = *model->Unproject(pixel);
+    return *model->Project(1.5 / ray.y() * ray - ahead_m);
+  };
+  std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>> followed;
+  std::vector<ActiveTrack> active;
+  for (int x = 150; x < 650; x += 25) {
+    for (int y = 345; y < 420; y += 10) {
+      followed.emplace_back(Eigen::Vector2d(x, y), after({x, y}));
+      active.push_back(SeenAt({followed.back().first, followed.back().second}));
+    }
+  }
+  const auto flow = SceneFlow::Estimate(*model, followed, 1.0, {});
+  ASSERT_TRUE(flow);
+  const Eigen::Vector2d near_px(400, 470);
+  active.push_back(SeenAt({near_px}));
+  const Eigen::Vector2d truth = after(near_px);
+  ASSERT_GT((truth - near_px).norm(), 40.0);
+  const FeaturePrediction predicted = PredictFeatures(active, &*flow, kTimes).back();
+  EXPECT_LT((predicted.pixel - truth).norm(), 8.0);
+  EXPECT_GT(predicted.affine_from_first.determinant(), 1.2) << "it comes nearer";
+  const FeaturePrediction borrowed = PredictFeatures(active, nullptr, kTimes).back();
+  EXPECT_GT((borrowed.pixel - truth).norm(), 20.0) << "what its neighbours do is no help";
+  // An image that comes late is further off.
+  PredictionTimes late = kTimes;
+  late.now_ns += kPeriod_ns / 2;
+  EXPECT_LT((PredictFeatures(active, &*flow, late).back().pixel - near_px -
+             1.5 * (predicted.pixel - near_px))
+                .norm(),
+            1e-9);
 }
 
 TEST(PredictFeatures, WhatTheLastImageDidNotShowStays) {
