@@ -34,6 +34,7 @@ TrackingOptions ForNoisyImages(const TrackingOptions& options) {
   registration.max_residual_noise = noisy.max_residual_noise;
   registration.max_residual_contrast = noisy.max_residual_contrast;
   registration.max_part_shift_px = noisy.max_part_shift_px;
+  registration.max_center_shift_px = noisy.max_center_shift_px;
   adapted.verification.min_observations =
       std::max(options.verification.min_observations, noisy.min_observations);
   adapted.verification.max_outlier_share =

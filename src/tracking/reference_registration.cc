@@ -21,6 +21,9 @@ constexpr double kSmoothedNoise = 0.5;
 
 constexpr double kPartConvergencePx = 0.03;
 
+/// Stated deviations by which the centre of a patch may be off without meaning anything.
+constexpr double kCenterSigmas = 2.0;
+
 /// Share of the correlation asked for that a registration must have reached after some iterations.
 constexpr double kHopelessNcc = 0.6;
 
@@ -136,7 +139,7 @@ class TrackRegistrar {
     for (const bool forward : {false, true}) {
       const int step = forward ? 1 : -1;
       const int end = forward ? span.end : span.begin - 1;
-      // Parallax grows with the distance from the reference view: once the quarters of the patch
+      // Parallax grows with the distance from the reference view: once the parts of the patch
       // agree, coming from the far end, they do nearer too.
       bool may_disagree = true;
       for (int i = end - step; i != span.reference; i -= step) {
@@ -146,7 +149,7 @@ class TrackRegistrar {
         initial.center_px = live.pixel + initial.affine * (view->center_px - reference.pixel);
         auto match = matcher_.MatchWhole(view, initial, live.stamp_ns);
         if (match && may_disagree) {
-          if (matcher_.QuartersDisagree(view, match->warp, live.stamp_ns)) {
+          if (matcher_.PartsDisagree(view, match->warp, live.stamp_ns)) {
             initial = match->warp;
             match.reset();
           } else {
@@ -244,37 +247,44 @@ std::optional<PatchMatch> ReferenceMatcher::Judge(const std::optional<PatchMatch
 std::optional<ReferenceMatch> ReferenceMatcher::Match(ReferenceView* view, const PatchWarp& initial,
                                                       Timestamp stamp_ns) const {
   const auto whole = MatchWhole(view, initial, stamp_ns);
-  if (whole && !QuartersDisagree(view, whole->warp, stamp_ns)) return ReferenceMatch{*whole, false};
+  if (whole && !PartsDisagree(view, whole->warp, stamp_ns)) return ReferenceMatch{*whole, false};
   const auto core = MatchCore(view, whole ? whole->warp : initial, stamp_ns);
   if (!core) return std::nullopt;
   return ReferenceMatch{*core, true};
 }
 
-bool ReferenceMatcher::QuartersDisagree(ReferenceView* view, const PatchWarp& warp,
-                                        Timestamp stamp_ns) const {
-  if (!view->quarters) {
-    const int radius_px = options_.radius_px / 2;
-    view->quarters.emplace();
-    for (const double x : {-1.0, 1.0}) {
-      for (const double y : {-1.0, 1.0}) {
-        const Eigen::Vector2d offset = radius_px * Eigen::Vector2d(x, y);
-        auto quarter = PatchTemplate::Create(images_.at(view->stamp_ns), view->center_px + offset,
-                                             radius_px, WarpFreedom::kShift);
-        if (quarter) view->quarters->emplace_back(offset, std::move(*quarter));
-      }
-    }
-  }
-  for (auto& [offset, quarter] : *view->quarters) {
+bool ReferenceMatcher::PartsDisagree(ReferenceView* view, const PatchWarp& warp,
+                                     Timestamp stamp_ns) const {
+  if (!view->parts) view->parts = PartsOf(*view);
+  for (const ReferenceView::Part& part : *view->parts) {
     PatchWarp initial = warp;
-    initial.center_px = warp(offset);
-    const auto match = quarter.Register(
+    initial.center_px = warp(part.offset_px);
+    const auto match = part.patch.Register(
         images_.at(stamp_ns), initial,
         {options_.max_iterations, kPartConvergencePx, 2.0 * options_.max_part_shift_px});
-    if (!match || (match->warp.center_px - initial.center_px).norm() > options_.max_part_shift_px) {
-      return true;
-    }
+    if (!match) return true;
+    const double shift_px = (match->warp.center_px - initial.center_px).norm();
+    if (shift_px > options_.max_part_shift_px) return true;
+    if (!part.offset_px.isZero()) continue;
+    const double sigma_px =
+        std::sqrt(0.5 * options_.noise_correlation * match->covariance_px2.trace());
+    if (shift_px > std::hypot(options_.max_center_shift_px, kCenterSigmas * sigma_px)) return true;
   }
   return false;
+}
+
+std::vector<ReferenceView::Part> ReferenceMatcher::PartsOf(const ReferenceView& view) const {
+  const int radius_px = options_.radius_px / 2;
+  std::vector<ReferenceView::Part> parts;
+  for (const Eigen::Vector2d& direction :
+       {Eigen::Vector2d(0.0, 0.0), Eigen::Vector2d(-1.0, -1.0), Eigen::Vector2d(-1.0, 1.0),
+        Eigen::Vector2d(1.0, -1.0), Eigen::Vector2d(1.0, 1.0)}) {
+    const Eigen::Vector2d offset_px = radius_px * direction;
+    auto patch = PatchTemplate::Create(images_.at(view.stamp_ns), view.center_px + offset_px,
+                                       radius_px, WarpFreedom::kShift);
+    if (patch) parts.push_back({offset_px, std::move(*patch)});
+  }
+  return parts;
 }
 
 bool ReferenceMatcher::IsAllowed(const Eigen::Vector2d& pixel) const {

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "tracking/synthetic_scene.h"
 
 namespace scenecalib {
@@ -38,7 +40,7 @@ class ReferenceMatcherTest : public ::testing::Test {
     PatchWarp initial;
     initial.center_px = center_px;
     const auto match = matcher.MatchWhole(&*view, initial, kSecond);
-    *parts_disagree = match && matcher.QuartersDisagree(&*view, match->warp, kSecond);
+    *parts_disagree = match && matcher.PartsDisagree(&*view, match->warp, kSecond);
     return match;
   }
 
@@ -107,6 +109,53 @@ TEST_F(ReferenceMatcherTest, NeitherWholeNorCoreMatchesOnTheEdge) {
     num_matched += matcher.Match(&*view, initial, kSecond) ? 1 : 0;
   }
   EXPECT_LE(num_matched, 1) << "of 21";
+}
+
+/// Something in relief at the centre of every patch: it moves by more than what surrounds it.
+class ReliefTest : public ReferenceMatcherTest {
+ protected:
+  static constexpr int kRadiusPx = 5;
+  static constexpr int kPeriodPx = 40;
+
+  static std::map<Timestamp, cv::Mat> Walls(double relief_px) {
+    const Texture wall(3, 7.0, 40.0);
+    const auto at = [&](double shift_px) {
+      return [&wall, shift_px](double x, double y) {
+        const double from_x = std::remainder(x - 20.0, kPeriodPx);
+        const double from_y = std::remainder(y - 20.0, kPeriodPx);
+        const bool is_relief = std::hypot(from_x, from_y) < kRadiusPx;
+        return wall(is_relief ? x - shift_px : x, y);
+      };
+    };
+    return {{kFirst, Render(200, 120, at(0.0), 1.0, 1)},
+            {kSecond, Render(200, 120, at(relief_px), 1.0, 2)}};
+  }
+
+  /// Of the 15 patches with something in relief at their centre.
+  int NumRefused(double relief_px) {
+    images_ = Walls(relief_px);
+    int num_refused = 0;
+    for (int y = 20; y <= 100; y += kPeriodPx) {
+      for (int x = 20; x <= 180; x += kPeriodPx) {
+        bool parts_disagree = false;
+        const auto match = MatchAt(Eigen::Vector2d(x, y), &parts_disagree);
+        num_refused += !match || parts_disagree ? 1 : 0;
+      }
+    }
+    return num_refused;
+  }
+};
+
+TEST_F(ReliefTest, ACentreThatMovesUnlikeTheWholeIsRefused) {
+  EXPECT_EQ(NumRefused(0.0), 0);
+  EXPECT_LE(NumRefused(0.1), 2) << "less than it is allowed to";
+  EXPECT_GE(NumRefused(0.8), 12);
+}
+
+TEST_F(ReliefTest, HowFarTheCentreMayBeOffIsAnOption) {
+  const int num_refused = NumRefused(0.6);
+  options_.max_center_shift_px = 10.0;
+  EXPECT_LT(NumRefused(0.6), num_refused) << "the quarters alone see less of it";
 }
 
 TEST(ReachableNcc, FallsWithTheNoise) {

@@ -37,15 +37,20 @@ struct RegisteredTrack {
   Eigen::Matrix2d last_from_reference = Eigen::Matrix2d::Identity();   ///< affine, last sighting
 };
 
-/// The patch of a track's reference view: the whole of it, its quarters and its core.
+/// The patch of a track's reference view: the whole of it, its parts and its core.
 struct ReferenceView {
+  /// A quarter of the patch, or its centre, as large as a quarter.
+  struct Part {
+    Eigen::Vector2d offset_px = Eigen::Vector2d::Zero();  ///< of its middle
+    PatchTemplate patch;
+  };
   Timestamp stamp_ns = 0;
   Eigen::Vector2d center_px = Eigen::Vector2d::Zero();
   ReferencePatch whole;
   /// Made when first needed.
   std::optional<ReferencePatch> core;
   bool has_core = true;
-  std::optional<std::vector<std::pair<Eigen::Vector2d, PatchTemplate>>> quarters;  ///< by offset
+  std::optional<std::vector<Part>> parts;  ///< those with structure
 };
 
 /// A sighting as found by registration.
@@ -74,10 +79,11 @@ class ReferenceMatcher {
   std::optional<PatchMatch> MatchCore(ReferenceView* view, const PatchWarp& initial,
                                       Timestamp stamp_ns) const;
 
-  /// True where the quarters of a reference patch move unlike the whole.
-  bool QuartersDisagree(ReferenceView* view, const PatchWarp& warp, Timestamp stamp_ns) const;
+  /// True where the quarters of a reference patch move unlike the whole, or where its centre, which
+  /// is what the track stands for, is elsewhere than the whole puts it by more than noise.
+  bool PartsDisagree(ReferenceView* view, const PatchWarp& warp, Timestamp stamp_ns) const;
 
-  /// The whole where its quarters agree with it, else the core.
+  /// The whole where its parts agree with it, else the core.
   std::optional<ReferenceMatch> Match(ReferenceView* view, const PatchWarp& initial,
                                       Timestamp stamp_ns) const;
 
@@ -89,6 +95,7 @@ class ReferenceMatcher {
   PatchRegistrationLimits Limits() const;
   std::optional<PatchMatch> Judge(const std::optional<PatchMatch>& match,
                                   const Criteria& criteria) const;
+  std::vector<ReferenceView::Part> PartsOf(const ReferenceView& view) const;
   bool IsAllowed(const Eigen::Vector2d& pixel) const;
 
   const std::map<Timestamp, cv::Mat>& images_;
@@ -104,7 +111,7 @@ double ScaleChange(const Eigen::Matrix2d& affine);
 /// The final tracks: every observation registered directly, with a free affine warp, gain and bias,
 /// against the patch of one reference view near the middle of its track, so that no error can
 /// accumulate along the track. Observations that do not match the reference are dropped, among them
-/// those that leave a residual beyond noise or whose quarters disagree: there the patch straddles a
+/// those that leave a residual beyond noise or whose parts disagree: there the patch straddles a
 /// depth edge, and what it follows is not what lies at its centre; unless the patch's core alone
 /// matches well. Where the scale changes too much for one reference the track is split, and the
 /// parts are separate tracks (they see points near each other, but not the same one). The scene

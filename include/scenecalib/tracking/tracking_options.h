@@ -79,6 +79,7 @@ struct RegistrationOptions {
   double max_residual_noise = 2.0;
   double max_residual_contrast = 0.04;
   double max_part_shift_px = 0.45;
+  double max_center_shift_px = 0.15;
   int core_radius_px = 6;
   double max_core_sigma_px = 0.1;
   double max_core_residual = 0.6;
@@ -132,6 +133,8 @@ struct RegistrationOptions {
             "holds things at different depths");
     v.Field("max_part_shift_px", &max_part_shift_px, {0.05, 100},
             "how far a quarter of the patch may lie from where the whole patch puts it");
+    v.Field("max_center_shift_px", &max_center_shift_px, {0.0, 100},
+            "the same of the patch's centre, beside two of its standard deviations");
     v.Field("core_radius_px", &core_radius_px, {3, 40},
             "half edge of the patch's core, which may match alone where the whole does not");
     v.Field("max_core_sigma_px", &max_core_sigma_px, {0.01, 10},
@@ -152,6 +155,7 @@ struct NoisyImageOptions {
   double max_residual_noise = 1.1;
   double max_residual_contrast = 0.01;
   double max_part_shift_px = 0.8;
+  double max_center_shift_px = 0.8;
   int min_observations = 4;
   double max_outlier_share = 0.05;
 
@@ -170,6 +174,8 @@ struct NoisyImageOptions {
             "registration.max_residual_contrast likewise");
     v.Field("max_part_shift_px", &max_part_shift_px, {0.05, 100},
             "registration.max_part_shift_px likewise");
+    v.Field("max_center_shift_px", &max_center_shift_px, {0.0, 100},
+            "registration.max_center_shift_px likewise");
     v.Field("min_observations", &min_observations, {2, 1000},
             "verification.min_observations likewise");
     v.Field("max_outlier_share", &max_outlier_share, {0, 1},
