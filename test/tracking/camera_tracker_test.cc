@@ -462,7 +462,7 @@ std::size_t NumObservations(const CameraSegment& segment) {
 
 TEST(CameraTracker, WhereTracksAreFewThoseThatTellLessAreTakenToo) {
   TrackingOptions strict = SmallOptions();
-  strict.registration.max_sigma_px = strict.registration.max_misfit_px = 0.03;
+  strict.registration.max_sigma_px = strict.registration.max_misfit_px = 0.025;
   strict.registration.few_tracks_share = 0.0;
   TrackingOptions never_enough = strict;
   never_enough.registration.few_tracks_share = 1.0;
