@@ -2,6 +2,7 @@
 
 #include <tbb/parallel_for.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <limits>
@@ -19,14 +20,16 @@ struct PlacedImage {
   ImagePose calibrated;
 };
 
-/// Up to max_images images inside the map's time, in colour where there is any, spread evenly; the
-/// ends are left out.
+/// Up to max_images images inside the map's time and the window, in colour where there is any,
+/// spread evenly; the ends are left out.
 std::vector<PlacedImage> PickImages(const CameraConfig& initial, const CameraConfig& calibrated,
                                     const SceneMap& map, const CameraSegment& segment,
-                                    int max_images) {
+                                    int max_images, const ImageWindow& window) {
   std::vector<PlacedImage> placed;
   const auto& images = segment.colour_images.empty() ? segment.images : segment.colour_images;
   for (const auto& [stamp_ns, pixels] : images) {
+    const Timestamp time_ns = AddSeconds(stamp_ns, calibrated.time_offset_s);
+    if (time_ns < window.start_ns || time_ns > window.end_ns) continue;
     const auto before = ImagePoseOf(initial, map.map_from_lidar, stamp_ns);
     const auto after = ImagePoseOf(calibrated, map.map_from_lidar, stamp_ns);
     if (before && after && !pixels.empty()) placed.push_back({pixels, *before, *after});
@@ -58,7 +61,7 @@ Result<std::vector<CameraOverlays>> DrawOverlays(const Rig& initial, const Rig& 
   for (std::size_t i = 0; i < segments.size(); ++i) {
     const CameraConfig& camera = initial.cameras[i];
     const std::vector<PlacedImage> images =
-        PickImages(camera, calibrated.cameras[i], map, segments[i], max_images);
+        PickImages(camera, calibrated.cameras[i], map, segments[i], max_images, {});
     if (images.empty()) continue;
     std::vector<Result<cv::Mat>> drawings(2 * images.size(),
                                           Result<cv::Mat>(Status::Cancelled("not drawn")));
@@ -84,8 +87,16 @@ Result<std::vector<CameraOverlays>> DrawOverlays(const Rig& initial, const Rig& 
   return overlays;
 }
 
+int NumImagesForColour(const Trajectory& map_from_lidar) {
+  constexpr double kImageEvery_m = 15.0;
+  constexpr double kMin = 12.0;
+  constexpr double kMax = 48.0;  // each costs a look at every point of the map
+  return static_cast<int>(std::clamp(map_from_lidar.Length() / kImageEvery_m, kMin, kMax));
+}
+
 std::vector<int> ColourMap(const Rig& calibrated, const SceneMap& map,
-                           const std::vector<CameraSegment>& segments, int max_images) {
+                           const std::vector<CameraSegment>& segments, int max_images,
+                           const ImageWindow& window) {
   std::vector<int> colours(map.points.size(), -1);
   std::vector<double> range_m(map.points.size(), std::numeric_limits<double>::infinity());
   const OverlayOptions options;
@@ -93,7 +104,7 @@ std::vector<int> ColourMap(const Rig& calibrated, const SceneMap& map,
     const CameraConfig& camera = calibrated.cameras[i];
     if (!camera.model) continue;
     const std::vector<PlacedImage> images =
-        PickImages(camera, camera, map, segments[i], max_images);
+        PickImages(camera, camera, map, segments[i], max_images, window);
     std::vector<std::vector<VisiblePoint>> visible(images.size());
     tbb::parallel_for(std::size_t{0}, images.size(), [&](std::size_t k) {
       visible[k] = FindVisiblePoints(*camera.model, map.points, images[k].calibrated, options);

@@ -66,6 +66,20 @@ Rigid3 ViewOf(const Trajectory& map_from_lidar) {
                 poses[from].map_from_lidar.translation + kUp_m * Eigen::Vector3d::UnitZ());
 }
 
+/// When the lidar passed what the view shows: images of elsewhere do not see its ground.
+ImageWindow TimeNear(const Rigid3& map_from_view, const Trajectory& map_from_lidar) {
+  constexpr double kNear_m = 45.0;
+  const std::vector<TimedPose>& poses = map_from_lidar.poses();
+  const auto is_near = [&](std::size_t i) {
+    return (poses[i].map_from_lidar.translation - map_from_view.translation).norm() < kNear_m;
+  };
+  std::size_t first = poses.size() / 2;
+  std::size_t last = first;
+  while (first > 0 && is_near(first - 1)) --first;
+  while (last + 1 < poses.size() && is_near(last + 1)) ++last;
+  return {poses[first].stamp_ns, poses[last].stamp_ns};
+}
+
 /// Coloured points as squares, the nearest on top.
 cv::Mat DrawCloud(const std::vector<MapPoint>& points, const std::vector<int>& colours,
                   const Rigid3& map_from_view) {
@@ -160,7 +174,9 @@ Result<ReportData> MakeReportData(const PipelineResult& result,
   if (map.map_from_lidar.empty() || map.points.empty()) return data;
   const Rigid3 view = ViewOf(map.map_from_lidar);
   const auto cloud = [&](const Rig& rig) {
-    return DrawCloud(map.points, ColourMap(rig, map, result.segments, kImagesPerCameraForColour),
+    return DrawCloud(map.points,
+                     ColourMap(rig, map, result.segments, kImagesPerCameraForColour,
+                               TimeNear(view, map.map_from_lidar)),
                      view);
   };
   const auto picture = Encode("all cameras", cloud(data.initial), cloud(data.result.rig));

@@ -28,7 +28,6 @@ namespace {
 constexpr double kServiceWait_s = 5.0;
 constexpr double kFrustumDepth_m = 1.0;
 constexpr int kImagesPerOverlay = 1;  // RViz shows them small
-constexpr int kImagesForColour = 12;
 
 std::string SegmentService(const std::string& camera, const std::string& name) {
   return "camera_tracking/" + camera + "/" + name;
@@ -314,7 +313,8 @@ void CalibrationServerNode::PublishPictures(const Inputs& inputs,
   bundles_after_publisher_.publish(
       BundleMarker(calibration.bundles_after, 0.1, 0.8, 0.2, inputs.map_frame_id));
   coloured_cloud_publisher_.publish(ColouredCloud(
-      inputs.map.points, ColourMap(rig, inputs.map, inputs.segments, kImagesForColour),
+      inputs.map.points,
+      ColourMap(rig, inputs.map, inputs.segments, NumImagesForColour(inputs.map.map_from_lidar)),
       inputs.map_frame_id));
   const Result<std::vector<CameraOverlays>> overlays =
       DrawOverlays(inputs.rig, rig, inputs.map, inputs.segments, kImagesPerOverlay);

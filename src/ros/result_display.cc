@@ -20,7 +20,6 @@ namespace {
 
 constexpr char kMapFrame[] = "map";
 constexpr int kImagesPerOverlay = 1;  // RViz shows them small
-constexpr int kImagesForColour = 12;
 constexpr double kFrustumDepth_m = 1.0;
 
 /// Keeps latched publishers alive.
@@ -82,7 +81,9 @@ void ShowResult(const PipelineResult& result) {
                      BundleMarker(result.calibration.bundles_after, 0.1, 0.8, 0.2, kMapFrame));
   publishers.Publish(
       "/calibration_server/coloured_cloud",
-      ColouredCloud(map.points, ColourMap(rig, map, result.segments, kImagesForColour), kMapFrame));
+      ColouredCloud(map.points,
+                    ColourMap(rig, map, result.segments, NumImagesForColour(map.map_from_lidar)),
+                    kMapFrame));
   publishers.Publish("/calibration_server/calibration",
                      ToMessage(result.calibration.result, FromRosTime(ros::Time::now())));
   PublishOverlays(result, &publishers);

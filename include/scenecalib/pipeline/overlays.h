@@ -1,10 +1,13 @@
 #pragma once
 
+#include <limits>
 #include <opencv2/core.hpp>
 #include <string>
 #include <vector>
 
 #include "scenecalib/base/status.h"
+#include "scenecalib/base/timestamp.h"
+#include "scenecalib/geometry/trajectory.h"
 #include "scenecalib/mapping/scene_map.h"
 #include "scenecalib/sensor/rig.h"
 #include "scenecalib/tracking/camera_tracker.h"
@@ -26,10 +29,20 @@ Result<std::vector<CameraOverlays>> DrawOverlays(const Rig& initial, const Rig& 
                                                  const std::vector<CameraSegment>& segments,
                                                  int max_images);
 
+/// Lidar clock, both ends included.
+struct ImageWindow {
+  Timestamp start_ns = std::numeric_limits<Timestamp>::min();
+  Timestamp end_ns = std::numeric_limits<Timestamp>::max();
+};
+
+/// Images per camera that colour a map well: more of a longer drive, up to a bound.
+int NumImagesForColour(const Trajectory& map_from_lidar);
+
 /// The colour that the cameras give each map point, 0xRRGGBB, or -1 where none saw it; of several
 /// sightings the nearest counts. Cameras without colour give grey. At most `max_images` images per
-/// camera are used.
+/// camera are used, spread over the window.
 std::vector<int> ColourMap(const Rig& calibrated, const SceneMap& map,
-                           const std::vector<CameraSegment>& segments, int max_images);
+                           const std::vector<CameraSegment>& segments, int max_images,
+                           const ImageWindow& window = {});
 
 }  // namespace scenecalib

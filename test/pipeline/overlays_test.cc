@@ -1,0 +1,80 @@
+#include "scenecalib/pipeline/overlays.h"
+
+#include <gtest/gtest.h>
+
+#include "scenecalib/base/timestamp.h"
+#include "scenecalib/io/rig_yaml.h"
+
+namespace scenecalib {
+namespace {
+
+constexpr char kRig[] = R"(
+lidar: {topic: /points, frame_id: lidar}
+cameras:
+  front:
+    image_topic: /image
+    frame_id: front_optical
+    time_offset_s: 0.0
+    lidar_from_camera: {translation_m: [0, 0, 0], rotation_xyzw: [-0.5, 0.5, -0.5, 0.5]}
+    intrinsics:
+      model: plumb_bob
+      width_px: 64
+      height_px: 48
+      focal_px: [40, 40]
+      principal_point_px: [31.5, 23.5]
+      distortion: [0, 0, 0, 0, 0]
+)";
+
+constexpr Timestamp kSecond_ns = 1'000'000'000;
+
+/// 10 m/s along x, an image every second whose grey values are the seconds.
+class ColourMapTest : public testing::Test {
+ protected:
+  ColourMapTest() {
+    const Result<Rig> rig = ParseRig(kRig, "test");
+    EXPECT_TRUE(rig.ok()) << rig.status().message();
+    rig_ = *rig;
+    std::vector<TimedPose> poses;
+    CameraSegment segment;
+    for (int s = 0; s <= 100; ++s) {
+      poses.push_back({s * kSecond_ns, Rigid3(Eigen::Quaterniond::Identity(), {10.0 * s, 0, 0})});
+      segment.images[s * kSecond_ns] = cv::Mat(48, 64, CV_8UC1, cv::Scalar(s));
+    }
+    map_.map_from_lidar = *Trajectory::Create(std::move(poses));
+    segments_.push_back(segment);
+    for (int x = 0; x < 1000; ++x) {
+      map_.points.push_back({Eigen::Vector3f(static_cast<float>(x), 2.0F, 1.0F), 1.0F});
+    }
+  }
+
+  int ColourAt(const std::vector<int>& colours, int x_m) const { return colours[x_m]; }
+
+  Rig rig_;
+  SceneMap map_;
+  std::vector<CameraSegment> segments_;
+};
+
+TEST_F(ColourMapTest, TheNearestSightingCounts) {
+  const std::vector<int> colours = ColourMap(rig_, map_, segments_, 1000);
+  // From the last place that had it ahead in the image, more than 2.5 m away.
+  EXPECT_EQ(ColourAt(colours, 504), 0x010101 * 50);
+  EXPECT_EQ(ColourAt(colours, 501), 0x010101 * 49);
+}
+
+TEST_F(ColourMapTest, TakesImagesOfTheWindowOnly) {
+  const std::vector<int> colours =
+      ColourMap(rig_, map_, segments_, 1000, {40 * kSecond_ns, 42 * kSecond_ns});
+  EXPECT_EQ(ColourAt(colours, 405), 0x010101 * 40);
+  EXPECT_EQ(ColourAt(colours, 460), 0x010101 * 42);
+  EXPECT_EQ(ColourAt(colours, 395), -1) << "behind all of them";
+}
+
+TEST_F(ColourMapTest, ALongDriveNeedsMoreImages) {
+  EXPECT_EQ(NumImagesForColour(*Trajectory::Create({{0, Rigid3()}, {kSecond_ns, Rigid3()}})), 12);
+  const int num_images = NumImagesForColour(map_.map_from_lidar);
+  EXPECT_GT(num_images, 40);
+  EXPECT_LE(num_images, 60);
+}
+
+}  // namespace
+}  // namespace scenecalib
