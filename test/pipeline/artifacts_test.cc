@@ -6,6 +6,7 @@
 #include <fstream>
 #include <sstream>
 
+#include "pipeline/one_camera_rig.h"
 #include "scenecalib/io/rig_yaml.h"
 
 namespace scenecalib {
@@ -13,27 +14,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char kRig[] = R"(
-lidar: {topic: /points, frame_id: lidar}
-cameras:
-  front:
-    image_topic: /image
-    frame_id: front_optical
-    time_offset_s: 0.0
-    lidar_from_camera: {translation_m: [0, 0, 0], rotation_xyzw: [-0.5, 0.5, -0.5, 0.5]}
-    intrinsics:
-      model: plumb_bob
-      width_px: 64
-      height_px: 48
-      focal_px: [40, 40]
-      principal_point_px: [31.5, 23.5]
-      distortion: [0, 0, 0, 0, 0]
-)";
-
 /// A result of a camera that looks along x at a wall 10 m ahead.
 PipelineResult MakeResult() {
   PipelineResult result;
-  const Result<Rig> rig = ParseRig(kRig, "test");
+  const Result<Rig> rig = ParseRig(kOneCameraRig, "test");
   EXPECT_TRUE(rig.ok()) << rig.status().message();
   result.initial_rig = *rig;
   result.calibration.result.rig = *rig;

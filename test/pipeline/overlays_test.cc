@@ -2,28 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include "pipeline/one_camera_rig.h"
 #include "scenecalib/base/timestamp.h"
 #include "scenecalib/io/rig_yaml.h"
 
 namespace scenecalib {
 namespace {
-
-constexpr char kRig[] = R"(
-lidar: {topic: /points, frame_id: lidar}
-cameras:
-  front:
-    image_topic: /image
-    frame_id: front_optical
-    time_offset_s: 0.0
-    lidar_from_camera: {translation_m: [0, 0, 0], rotation_xyzw: [-0.5, 0.5, -0.5, 0.5]}
-    intrinsics:
-      model: plumb_bob
-      width_px: 64
-      height_px: 48
-      focal_px: [40, 40]
-      principal_point_px: [31.5, 23.5]
-      distortion: [0, 0, 0, 0, 0]
-)";
 
 constexpr Timestamp kSecond_ns = 1'000'000'000;
 
@@ -31,7 +15,7 @@ constexpr Timestamp kSecond_ns = 1'000'000'000;
 class ColourMapTest : public testing::Test {
  protected:
   ColourMapTest() {
-    const Result<Rig> rig = ParseRig(kRig, "test");
+    const Result<Rig> rig = ParseRig(kOneCameraRig, "test");
     EXPECT_TRUE(rig.ok()) << rig.status().message();
     rig_ = *rig;
     std::vector<TimedPose> poses;
