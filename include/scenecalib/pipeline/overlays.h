@@ -29,13 +29,13 @@ Result<std::vector<CameraOverlays>> DrawOverlays(const Rig& initial, const Rig& 
                                                  const std::vector<CameraSegment>& segments,
                                                  int max_images);
 
-/// Lidar clock, both ends included.
+/// Which images of a drive to use: times by the lidar clock, both ends included; by default all.
 struct ImageWindow {
   Timestamp start_ns = std::numeric_limits<Timestamp>::min();
   Timestamp end_ns = std::numeric_limits<Timestamp>::max();
 };
 
-/// Images per camera that colour a map well: more of a longer drive, up to a bound.
+/// Images per camera that colour a map well: one every 15 m, at least 12 and at most 48.
 int NumImagesForColour(const Trajectory& map_from_lidar);
 
 /// The colour that the cameras give each map point, 0xRRGGBB, or -1 where none saw it; of several
