@@ -70,6 +70,8 @@ TEST(NoisyImages, AreVerifiedNoLessStrictlyThanOthers) {
   EXPECT_EQ(adapted.verification.min_observations, 9);
   EXPECT_EQ(adapted.verification.max_outlier_share, 0.01);
   EXPECT_EQ(adapted.registration.radius_px, options.noisy.radius_px);
+  EXPECT_EQ(adapted.registration.max_part_shift_px, options.noisy.max_part_shift_px);
+  EXPECT_EQ(adapted.registration.max_center_shift_px, options.noisy.max_center_shift_px);
   EXPECT_TRUE(CheckOptions(adapted).ok());
   // Noise under a wider Gaussian is alike over more pixels.
   options.noisy.blur_px *= 2.0;
