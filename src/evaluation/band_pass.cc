@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 // OpenCV's filters split their work by the number of threads and may round differently for it; here
 // everything is plain loops.
@@ -10,6 +11,8 @@ namespace scenecalib {
 namespace {
 
 constexpr double kWideOverFine = 8.0;
+/// Rows whose running sums are carried on side by side: one alone waits for each addition.
+constexpr int kRowsAtOnce = 8;
 /// Contrast, in grey levels, below which brightness is rather noise than texture.
 constexpr float kContrastFloor = 3.0F;
 
@@ -59,10 +62,12 @@ Plane Smooth(const Plane& in, double sigma_px) {
       padded[static_cast<std::size_t>(column)] = source[Clamp(column - radius, in.columns)];
     }
     float* target = out.Row(row);
-    for (int column = 0; column < in.columns; ++column) {
-      float sum = 0.0F;
-      for (std::size_t k = 0; k < kernel.size(); ++k) sum += kernel[k] * padded[column + k];
-      target[column] = sum;
+    for (std::size_t k = 0; k < kernel.size(); ++k) {
+      const float weight = kernel[k];
+      const float* shifted = padded.data() + k;
+      for (int column = 0; column < in.columns; ++column) {
+        target[column] += weight * shifted[column];
+      }
     }
   }
   return out;
@@ -72,15 +77,23 @@ Plane Smooth(const Plane& in, double sigma_px) {
 Plane BoxMean(const Plane& in, int radius) {
   const float scale = 1.0F / static_cast<float>(2 * radius + 1);
   Plane horizontal{in.columns, in.rows, std::vector<float>(in.values.size())};
-  for (int row = 0; row < in.rows; ++row) {
-    const float* source = in.Row(row);
-    float* out = horizontal.Row(row);
-    double sum = 0.0;
-    for (int k = -radius; k <= radius; ++k) sum += source[Clamp(k, in.columns)];
+  for (int first = 0; first < in.rows; first += kRowsAtOnce) {
+    double sums[kRowsAtOnce] = {};
+    const float* source[kRowsAtOnce];
+    float* out[kRowsAtOnce];
+    for (int r = 0; r < kRowsAtOnce; ++r) {
+      source[r] = in.Row(std::min(first + r, in.rows - 1));
+      out[r] = horizontal.Row(std::min(first + r, in.rows - 1));
+      for (int k = -radius; k <= radius; ++k) sums[r] += source[r][Clamp(k, in.columns)];
+    }
     for (int column = 0; column < in.columns; ++column) {
-      out[column] = static_cast<float>(sum) * scale;
-      sum += source[Clamp(column + radius + 1, in.columns)];
-      sum -= source[Clamp(column - radius, in.columns)];
+      const int entering = Clamp(column + radius + 1, in.columns);
+      const int leaving = Clamp(column - radius, in.columns);
+      for (int r = 0; r < kRowsAtOnce; ++r) {
+        out[r][column] = static_cast<float>(sums[r]) * scale;
+        sums[r] += source[r][entering];
+        sums[r] -= source[r][leaving];
+      }
     }
   }
   Plane out{in.columns, in.rows, std::vector<float>(in.values.size())};
@@ -128,7 +141,38 @@ BandPassImage::BandPassImage(const cv::Mat& image, double sigma_px)
     const float contrast =
         std::sqrt(std::max(0.0F, square.values[i]) + kContrastFloor * kContrastFloor);
     const float value = std::min(kLargest, std::max(-kLargest, fine.values[i] / contrast));
-    values_[i] = static_cast<std::int16_t>(std::lround(kUnit * value));
+    values_[i] = static_cast<std::int16_t>(kUnit * value + std::copysign(0.5F, value));
+  }
+}
+
+void BandPassImage::At(const float* x, const float* y, std::size_t count, float* values) const {
+  constexpr std::size_t kAtOnce = 64;
+  int offset[kAtOnce];
+  float fx[kAtOnce], fy[kAtOnce];
+  std::int32_t above[kAtOnce], below[kAtOnce];  // two neighbours each, the left one in the low half
+  for (std::size_t first = 0; first < count; first += kAtOnce) {
+    const std::size_t n = std::min(kAtOnce, count - first);
+    for (std::size_t k = 0; k < n; ++k) {
+      const int column = static_cast<int>(x[first + k]);
+      const int row = static_cast<int>(y[first + k]);
+      fx[k] = x[first + k] - static_cast<float>(column);
+      fy[k] = y[first + k] - static_cast<float>(row);
+      offset[k] = row * columns_ + column;
+    }
+    for (std::size_t k = 0; k < n; ++k) {
+      const std::int16_t* upper = values_.data() + offset[k];
+      std::memcpy(&above[k], upper, sizeof(above[k]));
+      std::memcpy(&below[k], upper + columns_, sizeof(below[k]));
+    }
+    for (std::size_t k = 0; k < n; ++k) {
+      const auto top_left = static_cast<float>(static_cast<std::int16_t>(above[k]));
+      const auto top_right = static_cast<float>(above[k] >> 16);
+      const auto bottom_left = static_cast<float>(static_cast<std::int16_t>(below[k]));
+      const auto bottom_right = static_cast<float>(below[k] >> 16);
+      const float top = top_left + fx[k] * (top_right - top_left);
+      const float bottom = bottom_left + fx[k] * (bottom_right - bottom_left);
+      values[first + k] = (top + fy[k] * (bottom - top)) / kUnit;
+    }
   }
 }
 

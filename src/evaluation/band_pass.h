@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <opencv2/core.hpp>
 #include <optional>
@@ -28,6 +29,8 @@ class BandPassImage {
     const float below = static_cast<float>(lower[0]) + fx * static_cast<float>(lower[1] - lower[0]);
     return (above + fy * (below - above)) / kUnit;
   }
+  /// The same for `count` places at once.
+  void At(const float* x, const float* y, std::size_t count, float* values) const;
   bool Contains(double x, double y, double margin_px) const {
     return x >= margin_px && y >= margin_px && x < columns_ - 1 - margin_px &&
            y < rows_ - 1 - margin_px;

@@ -21,7 +21,7 @@ struct MiscalibrationOptions {
   double pair_separation_s = 0.5;
   double max_stamp_difference_s = 0.1;
   int min_points = 200;
-  int max_points = 1500;
+  int max_points = 4000;
   double smoothing_px = 0.9;
   bool free_other_axes = true;
   int seed = 1;
