@@ -177,7 +177,7 @@ sensor_msgs::CompressedImage ToPng(Timestamp stamp_ns, const cv::Mat& pixels) {
   sensor_msgs::CompressedImage image;
   image.header.stamp = ToRosTime(stamp_ns);
   image.format = "png";
-  cv::imencode(".png", pixels, image.data, {cv::IMWRITE_PNG_COMPRESSION, 1});
+  cv::imencode(".png", pixels, image.data);
   return image;
 }
 
