@@ -118,15 +118,38 @@ double Quantile(std::vector<double> values, double share) {
 struct Judgement {
   std::vector<double> error_px;             ///< of every observation but the first of its track
   std::map<int, std::vector<double>> aged;  ///< error by observations since the first
+  /// The same of tracks whose first pixel shows one surface only. Beside an edge the tracker
+  /// follows the edge, while the point that is taken for the truth may lie on what is behind.
+  std::map<int, std::vector<double>> aged_off_edges;
   std::vector<double> normalised;  ///< squared error by stated covariance, per degree of freedom
   int num_tracks = 0;
   int num_judged = 0;
   int num_gross = 0;   ///< with an observation off by over 2 px
   int num_moving = 0;  ///< on moving cars
   int num_own_vehicle = 0;
+  int num_at_edge = 0;
   std::map<Timestamp, int> live;
   double length_sum = 0.0;
 };
+
+/// Whether a pixel within 0.7 px of this one shows something that lies over 3 cm off its plane.
+bool IsAtEdge(const Simulator& simulator, int camera, Timestamp exposure_ns,
+              const Eigen::Vector2d& pixel, const ScenePoint& point) {
+  constexpr double kNear_px = 0.7;
+  constexpr double kOffPlane_m = 0.03;
+  constexpr int kNumDirections = 8;
+  for (int i = 0; i < kNumDirections; ++i) {
+    const double angle_rad = 2.0 * M_PI * i / kNumDirections;
+    const auto near = simulator.TrueScenePoint(
+        camera, exposure_ns,
+        pixel + kNear_px * Eigen::Vector2d(std::cos(angle_rad), std::sin(angle_rad)));
+    if (!near || std::abs(point.normal_in_map.dot(near->point_in_map_m - point.point_in_map_m)) >
+                     kOffPlane_m) {
+      return true;
+    }
+  }
+  return false;
+}
 
 Judgement Judge(const Simulator& simulator, int camera, const Footage& footage,
                 const std::vector<Track>& tracks) {
@@ -142,6 +165,8 @@ Judgement Judge(const Simulator& simulator, int camera, const Footage& footage,
     ++judgement.num_judged;
     judgement.num_moving += point->is_moving ? 1 : 0;
     judgement.num_own_vehicle += point->is_own_vehicle ? 1 : 0;
+    const bool is_at_edge = IsAtEdge(simulator, camera, from_ns, first.pixel, *point);
+    judgement.num_at_edge += is_at_edge ? 1 : 0;
     bool is_gross = false;
     for (std::size_t k = 1; k < track.observations.size(); ++k) {
       const TrackObservation& observation = track.observations[k];
@@ -153,6 +178,7 @@ Judgement Judge(const Simulator& simulator, int camera, const Footage& footage,
           pixel ? Eigen::Vector2d(*pixel - observation.pixel) : Eigen::Vector2d(1e3, 1e3);
       judgement.error_px.push_back(error.norm());
       judgement.aged[static_cast<int>(k)].push_back(error.norm());
+      if (!is_at_edge) judgement.aged_off_edges[static_cast<int>(k)].push_back(error.norm());
       const Eigen::Matrix2d covariance = observation.covariance_px2 + first.covariance_px2;
       judgement.normalised.push_back(0.5 * error.dot(covariance.inverse() * error));
       is_gross = is_gross || error.norm() > 2.0;
@@ -160,6 +186,14 @@ Judgement Judge(const Simulator& simulator, int camera, const Footage& footage,
     judgement.num_gross += is_gross ? 1 : 0;
   }
   return judgement;
+}
+
+void PrintByAge(const std::map<int, std::vector<double>>& error_px) {
+  for (const int age : {1, 2, 4, 9, 14, 19, 29}) {
+    const auto aged = error_px.find(age);
+    if (aged == error_px.end()) continue;
+    std::printf("  %d: %.3f (%zu)", age + 1, Quantile(aged->second, 0.95), aged->second.size());
+  }
 }
 
 void Print(const std::string& name, const Judgement& judgement, int num_images, double add_ms,
@@ -181,11 +215,10 @@ void Print(const std::string& name, const Judgement& judgement, int num_images, 
       100.0 * judgement.num_gross / std::max(1, judgement.num_judged),
       100.0 * judgement.num_moving / tracks, judgement.num_own_vehicle);
   std::printf("  95%% by observation:");
-  for (const int age : {1, 2, 4, 9, 14, 19, 29}) {
-    const auto aged = judgement.aged.find(age);
-    if (aged == judgement.aged.end()) continue;
-    std::printf("  %d: %.3f (%zu)", age + 1, Quantile(aged->second, 0.95), aged->second.size());
-  }
+  PrintByAge(judgement.aged);
+  std::printf("\n  the same without the %.1f %% at depth edges:",
+              100.0 * judgement.num_at_edge / std::max(1, judgement.num_judged));
+  PrintByAge(judgement.aged_off_edges);
   std::printf("\n  error^2 / stated variance, median %.2f (1.39/2 = 0.69 if honest)",
               Quantile(judgement.normalised, 0.5));
   std::printf("; CPU ms a frame: live %.1f, final %.1f\n", add_ms, segment_ms);
