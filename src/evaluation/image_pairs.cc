@@ -252,9 +252,23 @@ void AddImages(const Frames& frames, const std::vector<Pair>& pairs, double smoo
 
 }  // namespace
 
+int NumTimes(const Rig& rig, const MiscalibrationOptions& options) {
+  constexpr double kMaxPixels = 4e8;  // of two bytes
+  constexpr double kLevels = 2.0;     // of smoothing, about, by which an image is kept
+  constexpr int kEnough = 20;
+  double pixels = 1.0;
+  for (const CameraConfig& camera : rig.cameras) {
+    if (camera.model) pixels += kLevels * camera.model->width_px() * camera.model->height_px();
+  }
+  const auto affordable = static_cast<int>(std::min(kMaxPixels / pixels, 1e6));
+  return std::min(options.num_times, std::max(affordable, kEnough));
+}
+
 ImagePairs CollectImagePairs(const Rig& rig, const SceneMap& map, const RayCaster& caster,
                              const std::vector<const std::map<Timestamp, cv::Mat>*>& images,
-                             const MiscalibrationOptions& options, BandPassImages* band_pass) {
+                             const MiscalibrationOptions& wanted, BandPassImages* band_pass) {
+  MiscalibrationOptions options = wanted;
+  options.num_times = NumTimes(rig, wanted);
   ImagePairs result;
   std::vector<Comparison>& comparisons = result.comparisons;
   Frames frames;

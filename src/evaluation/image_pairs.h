@@ -38,7 +38,11 @@ struct ImagePairs {
   std::vector<std::vector<std::size_t>> pairs_of_camera;  ///< by camera, indices of comparisons
 };
 
-/// Every camera with every other one at about the same time, at `num_times` times evenly over the
+/// `num_times`, or fewer where the smoothed images of a rig would take more than 0.8 GB; not less
+/// than 20 for that.
+int NumTimes(const Rig& rig, const MiscalibrationOptions& options);
+
+/// Every camera with every other one at about the same time, at NumTimes times evenly over the
 /// map's trajectory; a camera that shares views with no other one with itself a little later. A
 /// pair is of points on the map's surfaces that both images see, and is left out with fewer than
 /// `min_points`. `band_pass` keeps the smoothed images for the next rig; the comparisons point into

@@ -41,6 +41,21 @@ TEST_F(ImagePairsOf, ACameraAloneAreOfItselfLater) {
   }
 }
 
+TEST_F(ImagePairsOf, ManyOrLargeCamerasAreOfFewerTimesForTheirMemory) {
+  CameraConfig camera = rig_.cameras[0];
+  options_.num_times = 40;
+  const auto times_of = [&](int width_px, int height_px, std::size_t num_cameras) {
+    camera.model = *CreateCameraModel(
+        {"ftheta", width_px, height_px, {}, {100.0, 100.0}, {500.0, 0.0, 0.0, 0.0, 0.0}, {}});
+    return NumTimes(RigOf(std::vector<CameraConfig>(num_cameras, camera)), options_);
+  };
+  EXPECT_EQ(times_of(960, 604, 8), 40);
+  EXPECT_EQ(times_of(960, 604, 12), 28);   // 28 times 14 million pixels
+  EXPECT_EQ(times_of(3848, 2168, 4), 20);  // no fewer
+  options_.num_times = 5;
+  EXPECT_EQ(times_of(3848, 2168, 4), 5) << "as asked for";
+}
+
 TEST_F(ImagePairsOf, TwoEqualCamerasShowTheSamePixelsOfEveryPoint) {
   const ImagePairs pairs = Collect(RigOf({rig_.cameras[0], rig_.cameras[0]}));
   for (const Comparison& comparison : pairs.comparisons) {

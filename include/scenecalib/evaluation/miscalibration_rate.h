@@ -17,7 +17,7 @@ struct MiscalibrationOptions {
   double max_translation_m = 0.02;
   double max_rotation_deg = 0.2;
   int num_samples = 60;
-  int num_times = 20;
+  int num_times = 40;
   double pair_separation_s = 0.5;
   double max_stamp_difference_s = 0.1;
   int min_points = 200;
@@ -29,8 +29,10 @@ struct MiscalibrationOptions {
     v.Field("max_translation_m", &max_translation_m, {1e-4, 1.0}, "positions are moved by up to");
     v.Field("max_rotation_deg", &max_rotation_deg, {1e-3, 10.0}, "rotations are turned by up to");
     v.Field("num_samples", &num_samples, {1, 10000}, "perturbed poses per axis");
-    v.Field("num_times", &num_times, {0, 1000},
-            "times, evenly over the recording, to look at; 0 computes no rates");
+    v.Field(
+        "num_times", &num_times, {0, 1000},
+        "times, evenly over the recording, to look at; 0 computes no rates; fewer, but not less "
+        "than 20, for many or large cameras");
     v.Field("pair_separation_s", &pair_separation_s, {0.01, 60.0},
             "between the two images of a pair of one camera");
     v.Field("max_stamp_difference_s", &max_stamp_difference_s, {1e-3, 10.0},
