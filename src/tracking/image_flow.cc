@@ -52,7 +52,7 @@ FlowPyramid BuildFlowPyramid(const cv::Mat& image, bool equalise, const FlowOpti
 
 std::vector<std::optional<Eigen::Vector2d>> FlowThereAndBack(
     const FlowPyramid& first, const FlowPyramid& second, const std::vector<Eigen::Vector2d>& before,
-    const std::vector<Eigen::Vector2d>& predicted, const FlowOptions& options) {
+    const std::vector<Eigen::Vector2d>& predicted, int num_levels, const FlowOptions& options) {
   std::vector<std::optional<Eigen::Vector2d>> flow(before.size());
   if (before.empty()) return flow;
   const double scale = first.scale();
@@ -64,7 +64,7 @@ std::vector<std::optional<Eigen::Vector2d>> FlowThereAndBack(
   const cv::Size window(options.window_px, options.window_px);
   const cv::TermCriteria criteria(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 10, 0.05);
   cv::calcOpticalFlowPyrLK(first.levels, second.levels, start, after, found, error, window,
-                           options.pyramid_levels, criteria, cv::OPTFLOW_USE_INITIAL_FLOW);
+                           num_levels, criteria, cv::OPTFLOW_USE_INITIAL_FLOW);
   cv::calcOpticalFlowPyrLK(second.levels, first.levels, after, back, found_back, error, window, 0,
                            criteria, cv::OPTFLOW_USE_INITIAL_FLOW);
   const double max_gap = options.max_forward_backward_px / std::max(1.0, 0.5 * scale);

@@ -29,6 +29,11 @@ constexpr int kEdgeMemory = 8;
 constexpr double kBilinearNoise = 0.8;
 /// How far from its prediction by scene flow a lost feature is looked for.
 constexpr double kMaxRescueShiftPx = 10.0;
+/// Levels of the pyramid above the finest one that are searched where the motion is expected to go
+/// on.
+constexpr int kNearLevels = 1;
+/// Share of the features that may be lost there before they are looked for farther away.
+constexpr double kMaxLostShare = 0.4;
 /// A live track needs no final precision.
 constexpr double kLiveConvergencePx = 0.08;
 /// Mean grey value and its deviation below which there is nothing to detect.
@@ -51,6 +56,14 @@ cv::Mat MakeDomainMask(const CameraModel& model, const cv::Mat& seen, int margin
   cv::erode(mask, mask, cv::getStructuringElement(cv::MORPH_RECT, {edge, edge}), {-1, -1}, 1,
             cv::BORDER_CONSTANT, cv::Scalar(0));
   return mask;
+}
+
+template <typename Body>
+void ForEach(std::size_t size, const Body& body) {
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, size, 32),
+                    [&](const tbb::blocked_range<std::size_t>& range) {
+                      for (std::size_t i = range.begin(); i < range.end(); ++i) body(i);
+                    });
 }
 
 }  // namespace
@@ -103,37 +116,55 @@ FrameTracking LiveTracker::Add(const GrayImage& image) {
   return frame;
 }
 
+std::vector<std::size_t> LiveTracker::Search(const GrayImage& image, const FlowPyramid& pyramid,
+                                             int num_levels,
+                                             const std::vector<FeaturePrediction>& predicted,
+                                             const std::vector<std::size_t>& features) {
+  std::vector<Eigen::Vector2d> before, expected;
+  for (const std::size_t i : features) {
+    before.push_back(active_[i].place.pixel);
+    expected.push_back(predicted[i].pixel);
+  }
+  const auto flow =
+      FlowThereAndBack(previous_pyramid_, pyramid, before, expected, num_levels, options_.flow);
+  std::vector<char> is_extended(features.size(), 0);
+  ForEach(features.size(), [&](std::size_t k) {
+    if (!flow[k]) return;
+    const std::size_t i = features[k];
+    const FeaturePrediction found{*flow[k], predicted[i].affine_from_first};
+    is_extended[k] = Extend(image, found, options_.registration.min_live_ncc, &active_[i]) ? 1 : 0;
+  });
+  std::vector<std::size_t> lost;
+  for (std::size_t k = 0; k < features.size(); ++k) {
+    if (is_extended[k] == 0) lost.push_back(features[k]);
+  }
+  return lost;
+}
+
 void LiveTracker::Follow(const GrayImage& image, const FlowPyramid& pyramid, FrameTracking* frame) {
-  std::vector<FeaturePrediction> predicted =
+  const std::vector<FeaturePrediction> predicted =
       PredictFeatures(active_, scene_flow_ ? &*scene_flow_ : nullptr,
                       {before_previous_stamp_ns_, previous_stamp_ns_, image.stamp_ns});
-  std::vector<Eigen::Vector2d> before, expected;
+  std::vector<char> is_extended(active_.size(), 0);
   std::vector<std::size_t> followed;
   for (std::size_t i = 0; i < active_.size(); ++i) {
     if (active_[i].num_missed > 0) continue;
     followed.push_back(i);
-    before.push_back(active_[i].place.pixel);
-    expected.push_back(predicted[i].pixel);
+    is_extended[i] = 1;
   }
-  const auto flow = FlowThereAndBack(previous_pyramid_, pyramid, before, expected, options_.flow);
-  std::vector<char> is_extended(active_.size(), 0);
-  const auto for_each = [](std::size_t size, const auto& body) {
-    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, size, 32),
-                      [&](const tbb::blocked_range<std::size_t>& range) {
-                        for (std::size_t i = range.begin(); i < range.end(); ++i) body(i);
-                      });
-  };
-  for_each(followed.size(), [&](std::size_t k) {
-    if (!flow[k]) return;
-    const std::size_t i = followed[k];
-    predicted[i].pixel = *flow[k];
-    is_extended[i] =
-        Extend(image, predicted[i], options_.registration.min_live_ncc, &active_[i]) ? 1 : 0;
-  });
+  const bool is_near = scene_flow_.has_value() && kNearLevels < options_.flow.pyramid_levels;
+  const int num_levels = is_near ? kNearLevels : options_.flow.pyramid_levels;
+  std::vector<std::size_t> lost = Search(image, pyramid, num_levels, predicted, followed);
+  if (is_near &&
+      static_cast<double>(lost.size()) > kMaxLostShare * static_cast<double>(followed.size())) {
+    // They did not go where they were expected.
+    lost = Search(image, pyramid, options_.flow.pyramid_levels, predicted, lost);
+  }
+  for (const std::size_t i : lost) is_extended[i] = 0;
   Learn(pyramid, is_extended);
   EstimateSceneFlow(is_extended);
   std::vector<char> is_kept = is_extended;
-  for_each(active_.size(), [&](std::size_t i) {
+  ForEach(active_.size(), [&](std::size_t i) {
     if (is_extended[i] == 0) is_kept[i] = FindAgain(image, pyramid, &active_[i]) ? 1 : 0;
   });
   frame->num_rejected += EndOthers(is_kept, false);

@@ -12,8 +12,6 @@ namespace {
 constexpr std::size_t kNumSupports = 14;
 /// Cells of the features' index across the image.
 constexpr double kCellsAcross = 24.0;
-/// Half the distance over which the warp is differenced.
-constexpr double kDifferencePx = 4.0;
 
 }  // namespace
 
@@ -139,28 +137,26 @@ std::optional<Eigen::Vector3d> SceneFlow::FitInverseRange(const Eigen::Vector2d&
   return fit;
 }
 
-std::optional<Eigen::Vector2d> SceneFlow::Transfer(
-    const Eigen::Vector2d& pixel, const Eigen::Vector3d& inverse_range_by_ray) const {
-  const auto ray = model_->Unproject(pixel);
-  if (!ray) return std::nullopt;
-  const double inverse_range = std::max(0.0, inverse_range_by_ray.dot(*ray));
-  return model_->Project(motion_.second_from_first * *ray + inverse_range * motion_.direction);
-}
-
 std::optional<PatchWarp> SceneFlow::Predict(const Eigen::Vector2d& pixel) const {
   const auto fit = FitInverseRange(pixel);
   if (!fit) return std::nullopt;
-  const auto center = Transfer(pixel, *fit);
+  UnprojectionJacobians unprojection;
+  const auto ray = model_->Unproject(pixel, &unprojection);
+  if (!ray) return std::nullopt;
+  Eigen::Vector3d point = motion_.second_from_first * *ray;
+  Eigen::Matrix<double, 3, 2> point_by_pixel =
+      motion_.second_from_first.toRotationMatrix() * unprojection.ray_by_pixel;
+  const double inverse_range = fit->dot(*ray);
+  if (inverse_range > 0.0) {
+    point += inverse_range * motion_.direction;
+    point_by_pixel += motion_.direction * (fit->transpose() * unprojection.ray_by_pixel);
+  }
+  ProjectionJacobians projection;
+  const auto center = model_->Project(point, &projection);
   if (!center) return std::nullopt;
   PatchWarp warp;
   warp.center_px = *center;
-  for (int axis = 0; axis < 2; ++axis) {
-    const Eigen::Vector2d step = kDifferencePx * Eigen::Vector2d::Unit(axis);
-    const auto after = Transfer(pixel + step, *fit);
-    const auto before = Transfer(pixel - step, *fit);
-    if (!after || !before) return std::nullopt;
-    warp.affine.col(axis) = (*after - *before) / (2.0 * kDifferencePx);
-  }
+  warp.affine = projection.pixel_by_point * point_by_pixel;
   if (!(warp.affine.determinant() > 0.05 && warp.affine.determinant() < 20.0)) return std::nullopt;
   return warp;
 }

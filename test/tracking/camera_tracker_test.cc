@@ -293,6 +293,20 @@ TEST(CameraTracker, FindsFeaturesAgainBehindWhatHidThem) {
   EXPECT_LT(Quantile(TrueErrorsPx(*Pinhole(), segment.tracks), 0.5), 0.06);
 }
 
+TEST(CameraTracker, FollowsThroughAJoltThatNothingForetold) {
+  constexpr int kJolt = 6;
+  CameraTracker tracker("cam", Pinhole(), SmallOptions());
+  for (int i = 0; i < kJolt; ++i) {
+    ASSERT_TRUE(tracker.AddImage({Stamp(i), StreetImages(Pinhole())[i]}).ok());
+  }
+  Rigid3 map_from_camera = MapFromCamera(kJolt);
+  map_from_camera.rotation = map_from_camera.rotation * ExpSo3({0.08, 0.0, 0.0});  // 18 px
+  const auto frame = tracker.AddImage(
+      {Stamp(kJolt), RenderPlanes(Street(), *Pinhole(), map_from_camera, 2.0, kJolt + 1)});
+  ASSERT_TRUE(frame.ok());
+  EXPECT_GT(frame->num_tracked, 120);
+}
+
 TEST(CameraTracker, RefusesImagesOfTheWrongSizeTypeOrTime) {
   CameraTracker tracker("cam", Pinhole(), SmallOptions());
   const cv::Mat& image = StreetImages(Pinhole())[0];

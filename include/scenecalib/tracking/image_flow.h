@@ -25,9 +25,10 @@ struct FlowPyramid {
 FlowPyramid BuildFlowPyramid(const cv::Mat& image, bool equalise, const FlowOptions& options);
 
 /// Where the pixels `before` of one full-size image are in the next, searched from `predicted`
-/// there and, on the finest level of the pyramid, back again; none where the two disagree.
+/// there, through `num_levels` levels above the finest one, and on the finest one back again; none
+/// where the two disagree.
 std::vector<std::optional<Eigen::Vector2d>> FlowThereAndBack(
     const FlowPyramid& first, const FlowPyramid& second, const std::vector<Eigen::Vector2d>& before,
-    const std::vector<Eigen::Vector2d>& predicted, const FlowOptions& options);
+    const std::vector<Eigen::Vector2d>& predicted, int num_levels, const FlowOptions& options);
 
 }  // namespace scenecalib

@@ -69,6 +69,11 @@ class LiveTracker {
 
  private:
   void Follow(const GrayImage& image, const FlowPyramid& pyramid, FrameTracking* frame);
+  /// Looks for features, indices into active(), around their predictions, through so many levels of
+  /// the pyramid, and registers what is found; returns those that are lost.
+  std::vector<std::size_t> Search(const GrayImage& image, const FlowPyramid& pyramid,
+                                  int num_levels, const std::vector<FeaturePrediction>& predicted,
+                                  const std::vector<std::size_t>& features);
   bool Extend(const GrayImage& image, const FeaturePrediction& predicted, double min_ncc,
               ActiveTrack* active_track) const;
   bool Rescue(const GrayImage& image, const FlowPyramid& pyramid, const PatchWarp& step,

@@ -44,8 +44,6 @@ class SceneFlow {
   void GatherNearest(const Eigen::Vector2d& pixel,
                      std::vector<std::pair<double, std::size_t>>* nearest) const;
   std::optional<Eigen::Vector3d> FitInverseRange(const Eigen::Vector2d& pixel) const;
-  std::optional<Eigen::Vector2d> Transfer(const Eigen::Vector2d& pixel,
-                                          const Eigen::Vector3d& inverse_range_by_ray) const;
 
   const CameraModel* model_;  ///< must outlive this
   RelativeMotion motion_;
