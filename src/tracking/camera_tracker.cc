@@ -56,6 +56,8 @@ TrackingOptions ForFewTracks(TrackingOptions options) {
   registration.max_sigma_px = std::max(registration.max_sigma_px, registration.few_tracks_sigma_px);
   registration.max_misfit_px =
       std::max(registration.max_misfit_px, registration.few_tracks_sigma_px);
+  registration.max_end_sigma_px =
+      std::max(registration.max_end_sigma_px, registration.few_tracks_sigma_px);
   return options;
 }
 
@@ -244,9 +246,10 @@ void CameraTracker::Impl::Register(const std::vector<LiveTrack>& followed, doubl
     segment->tracks = RegisterAndVerify(followed, *model, *images, seen, registered_quality,
                                         ForFewTracks(adapted));
   }
-  DropShortest(adapted.verification.min_observations,
-               static_cast<std::size_t>(options.verification.enough_tracks) * images->size(),
-               &segment->tracks);
+  if (options.verification.enough_tracks > 0) {
+    DropShortest(static_cast<std::size_t>(options.verification.enough_tracks) * images->size(),
+                 &segment->tracks);
+  }
 }
 
 CameraTracker::CameraTracker(std::string name, CameraModelPtr model, const TrackingOptions& options,

@@ -75,7 +75,7 @@ LiveTracker::LiveTracker(CameraModelPtr model, const TrackingOptions& options, c
       allowed_(domain_.clone()),
       open_(allowed_),
       static_regions_(domain_, options_.static_regions),
-      new_features_(options_.detection) {}
+      new_features_(ForFieldOfView(options_.detection, model_->max_theta_rad())) {}
 
 FrameTracking LiveTracker::Add(const GrayImage& image) {
   num_finished_before_ = finished_.size();

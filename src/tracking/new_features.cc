@@ -49,6 +49,14 @@ cv::Mat MaskOf(const FlowPyramid& pyramid, const FeatureSurroundings& surroundin
 
 }  // namespace
 
+DetectionOptions ForFieldOfView(DetectionOptions options, double max_theta_rad) {
+  constexpr double kOrdinary_rad = 45.0 * M_PI / 180.0;
+  const double factor = std::clamp(max_theta_rad / kOrdinary_rad, 1.0, options.max_wide_factor);
+  options.max_features = static_cast<int>(std::lround(options.max_features * factor));
+  options.min_distance_px /= factor;
+  return options;
+}
+
 void NewFeatures::Learn(const FlowPyramid& pyramid, const std::vector<FeatureTrial>& trials) {
   constexpr double kLearningRate = 0.06;
   constexpr double kMinSurvival = 0.1;

@@ -52,17 +52,37 @@ std::vector<std::size_t> SelectSpread(const std::vector<TrackSummary>& tracks,
   return chosen;
 }
 
-void DropShortest(int min_observations, std::size_t enough_observations,
-                  std::vector<Track>* tracks) {
-  const auto is_shortest = [min_observations](const Track& track) {
-    return static_cast<int>(track.observations.size()) <= min_observations;
+void DropShortest(std::size_t enough_observations, std::vector<Track>* tracks) {
+  struct Entry {
+    std::size_t length = 0;
+    double variance_px2 = 0.0;
+    std::size_t index = 0;
   };
-  std::size_t num_observations = 0;
-  for (const Track& track : *tracks) {
-    if (!is_shortest(track)) num_observations += track.observations.size();
+  std::vector<Entry> entries(tracks->size());
+  std::size_t num_left = 0;
+  for (std::size_t i = 0; i < tracks->size(); ++i) {
+    const auto& observations = (*tracks)[i].observations;
+    double sum_px2 = 0.0;
+    for (const TrackObservation& o : observations) sum_px2 += o.covariance_px2.trace();
+    const auto length = static_cast<double>(std::max<std::size_t>(1, observations.size()));
+    entries[i] = {observations.size(), sum_px2 / length, i};
+    num_left += observations.size();
   }
-  if (num_observations < enough_observations) return;
-  tracks->erase(std::remove_if(tracks->begin(), tracks->end(), is_shortest), tracks->end());
+  std::sort(entries.begin(), entries.end(), [](const Entry& a, const Entry& b) {
+    return std::tie(a.length, b.variance_px2, a.index) <
+           std::tie(b.length, a.variance_px2, b.index);
+  });
+  std::vector<char> is_dropped(tracks->size(), 0);
+  for (const Entry& entry : entries) {
+    if (num_left < enough_observations + entry.length) break;
+    num_left -= entry.length;
+    is_dropped[entry.index] = 1;
+  }
+  std::vector<Track> kept;
+  for (std::size_t i = 0; i < tracks->size(); ++i) {
+    if (is_dropped[i] == 0) kept.push_back(std::move((*tracks)[i]));
+  }
+  *tracks = std::move(kept);
 }
 
 }  // namespace scenecalib

@@ -458,6 +458,7 @@ TEST(CameraTracker, FindsAndKeepsMoreTracksAtFullResolution) {
   TrackingOptions half = SmallOptions(), full = SmallOptions();
   half.detection.max_features = full.detection.max_features = 20000;
   half.detection.min_distance_px = full.detection.min_distance_px = 1.0;
+  half.verification.enough_tracks = full.verification.enough_tracks = 0;
   half.flow.full_size_width_px = 200;
   full.flow.merge_distance_px = 1.5;
   const CameraSegment reduced = TrackStreet(Pinhole(), half);
@@ -482,7 +483,7 @@ TEST(CameraTracker, WhereTracksAreFewThoseThatTellLessAreTakenToo) {
   never_enough.registration.few_tracks_share = 1.0;
   TrackingOptions lenient = strict;
   lenient.registration.max_sigma_px = lenient.registration.max_misfit_px =
-      strict.registration.few_tracks_sigma_px;
+      lenient.registration.max_end_sigma_px = strict.registration.few_tracks_sigma_px;
   const CameraSegment few = TrackStreet(Pinhole(), strict);
   const CameraSegment more = TrackStreet(Pinhole(), never_enough);
   EXPECT_GT(NumObservations(more), 1.2 * NumObservations(few));

@@ -35,6 +35,25 @@ class NewFeaturesTest : public ::testing::Test {
   FeatureSurroundings surroundings_;
 };
 
+TEST(DetectionOptions, AWideCameraHasMoreFeaturesNearerToEachOther) {
+  DetectionOptions options;
+  options.max_features = 1000;
+  options.min_distance_px = 6.0;
+  options.max_wide_factor = 1.5;
+  const auto wide = [&options](double max_theta_deg) {
+    return ForFieldOfView(options, max_theta_deg * M_PI / 180.0);
+  };
+  EXPECT_EQ(wide(15.0).max_features, 1000);
+  EXPECT_EQ(wide(15.0).min_distance_px, 6.0);
+  EXPECT_EQ(wide(45.0).max_features, 1000);
+  EXPECT_EQ(wide(54.0).max_features, 1200);
+  EXPECT_NEAR(wide(54.0).min_distance_px, 5.0, 1e-9);
+  EXPECT_EQ(wide(100.0).max_features, 1500);
+  EXPECT_NEAR(wide(100.0).min_distance_px, 4.0, 1e-9);
+  options.max_wide_factor = 1.0;
+  EXPECT_EQ(wide(100.0).max_features, 1000);
+}
+
 TEST_F(NewFeaturesTest, ArePixelsOfTheFullImage) {
   ASSERT_EQ(pyramid_.scale(), 2.0);
   double right = 0.0;

@@ -73,18 +73,26 @@ TEST(TrackSelection, TheShortestGoWhereTheOthersAreEnough) {
   std::vector<Track> tracks;
   for (const int length : {3, 5, 3, 4, 6}) {
     Track track;
-    track.id = length;
-    track.observations.resize(static_cast<std::size_t>(length));
+    track.id = static_cast<std::int64_t>(tracks.size());
+    const double variance_px2 = 0.01 * (1.0 + static_cast<double>(track.id));
+    track.observations.resize(static_cast<std::size_t>(length),
+                              {0, {0.0, 0.0}, variance_px2 * Eigen::Matrix2d::Identity()});
     tracks.push_back(track);
   }
-  std::vector<Track> kept = tracks;
-  DropShortest(3, 16, &kept);  // the three others have 15
-  EXPECT_EQ(kept.size(), 5U);
-  DropShortest(3, 15, &kept);
-  ASSERT_EQ(kept.size(), 3U);
-  EXPECT_EQ(kept[0].id, 5);
-  EXPECT_EQ(kept[1].id, 4);
-  EXPECT_EQ(kept[2].id, 6);
+  const auto left_of = [&tracks](std::size_t enough_observations) {
+    std::vector<Track> kept = tracks;
+    DropShortest(enough_observations, &kept);
+    std::vector<std::int64_t> ids;
+    for (const Track& track : kept) ids.push_back(track.id);
+    return ids;
+  };
+  using Ids = std::vector<std::int64_t>;
+  EXPECT_EQ(left_of(100), (Ids{0, 1, 2, 3, 4}));
+  EXPECT_EQ(left_of(19), (Ids{0, 1, 2, 3, 4}));  // without any of three they are 18
+  EXPECT_EQ(left_of(18), (Ids{0, 1, 3, 4}));     // the less certain of the two of three
+  EXPECT_EQ(left_of(15), (Ids{1, 3, 4}));
+  EXPECT_EQ(left_of(12), (Ids{1, 3, 4}));  // without that of four they are 11
+  EXPECT_EQ(left_of(11), (Ids{1, 4}));
 }
 
 TEST(TrackSelection, ShortTracksAreNotTakenHoweverFewThereAre) {

@@ -32,7 +32,11 @@ struct PipelineOptions {
   /// verification and the held-out part leave enough.
   static constexpr int kMaxTracks = 4500;
 
-  PipelineOptions() { tracking.registration.max_tracks = kMaxTracks; }
+  PipelineOptions() {
+    tracking.registration.max_tracks = kMaxTracks;
+    // More than that many long tracks of a wide camera cost time and gain nothing.
+    tracking.detection.max_wide_factor = 1.0;
+  }
 
   int threads = 0;
   StreamCheckOptions stream_check;

@@ -26,6 +26,10 @@ struct FeatureTrial {
   bool is_followed = false;
 };
 
+/// Options for a camera that sees up to this angle from its axis:
+/// DetectionOptions::max_wide_factor.
+DetectionOptions ForFieldOfView(DetectionOptions options, double max_theta_rad);
+
 /// Chooses new features from image to image, and learns where they can be followed.
 class NewFeatures {
  public:

@@ -29,10 +29,9 @@ std::vector<std::size_t> SelectSpread(const std::vector<TrackSummary>& tracks,
                                       std::size_t max_tracks, std::size_t min_views, int width_px,
                                       int height_px);
 
-/// Drops tracks with at most `min_observations` observations if the others have at least
-/// `enough_observations` altogether: a track of three sightings is hardly verified, and only worth
-/// having where there is little else.
-void DropShortest(int min_observations, std::size_t enough_observations,
-                  std::vector<Track>* tracks);
+/// Drops the shortest tracks, of equally long ones the less certain first, as long as the others
+/// have at least `enough_observations` altogether: a long track is better verified and tells more
+/// than several short ones, which are only worth having where there is little else.
+void DropShortest(std::size_t enough_observations, std::vector<Track>* tracks);
 
 }  // namespace scenecalib

@@ -8,6 +8,7 @@ namespace scenecalib {
 struct DetectionOptions {
   int max_features = 1500;
   double min_distance_px = 7.5;
+  double max_wide_factor = 1.5;
   int bucket_px = 64;
   double bucket_share = 8.0;
   double min_relative_score = 1e-3;
@@ -16,6 +17,10 @@ struct DetectionOptions {
   void Visit(OptionVisitor& v) {
     v.Field("max_features", &max_features, {50, 200000}, "live features aimed at in every image");
     v.Field("min_distance_px", &min_distance_px, {1, 100}, "distance kept between two features");
+    v.Field("max_wide_factor", &max_wide_factor, {1, 10},
+            "a camera that sees beyond 45 degrees from its axis is given more features, nearer to "
+            "each other, in proportion to that angle and by up to this factor: what it sees passes "
+            "by quickly");
     v.Field("bucket_px", &bucket_px, {16, 1024}, "edge of a bucket that features are spread over");
     v.Field(
         "bucket_share", &bucket_share, {1, 100},
@@ -73,13 +78,13 @@ struct RegistrationOptions {
   double few_tracks_share = 0.13;
   double few_tracks_sigma_px = 0.2;
   double max_view_sigma_px = 0.06;
-  double max_end_sigma_px = 0.18;
+  double max_end_sigma_px = 0.15;
   double sigma_floor_px = 0.02;
   double noise_correlation = 4.0;
   double max_residual_noise = 2.0;
   double max_residual_contrast = 0.04;
   double max_part_shift_px = 0.45;
-  double max_center_shift_px = 0.15;
+  double max_center_shift_px = 0.1;
   int core_radius_px = 6;
   double max_core_sigma_px = 0.1;
   double max_core_residual = 0.6;
@@ -113,8 +118,8 @@ struct RegistrationOptions {
             "where fewer tracks are left in an image, on average, than this share of "
             "detection.max_features...");
     v.Field("few_tracks_sigma_px", &few_tracks_sigma_px, {0.01, 10},
-            "...both may be this, if that is more: tracks that tell less are better than few (not "
-            "in noisy images, which have limits of their own)");
+            "...both, and max_end_sigma_px, may be this, if that is more: tracks that tell less "
+            "are better than few (not in noisy images, which have limits of their own)");
     v.Field("max_view_sigma_px", &max_view_sigma_px, {0, 10},
             "where the scale has changed too much for the reference view, a sighting more certain "
             "than this takes its place for those beyond it; 0: none");
@@ -198,10 +203,9 @@ struct VerificationOptions {
 
   void Visit(OptionVisitor& v) {
     v.Field("min_observations", &min_observations, {2, 1000}, "shorter tracks are dropped");
-    v.Field(
-        "enough_tracks", &enough_tracks, {0, 1000000},
-        "where so many tracks an image, on average, have more sightings than these, tracks that "
-        "have no more are dropped too: they are hardly verified");
+    v.Field("enough_tracks", &enough_tracks, {0, 1000000},
+            "where more tracks than these are left in an image, on average, the shortest are "
+            "dropped; 0: none are");
     v.Field("static_extent_px", &static_extent_px, {0, 20},
             "a track that stays within this while its neighbours move is fixed to the vehicle");
     v.Field("min_neighbour_motion_px", &min_neighbour_motion_px, {0.5, 1000},
