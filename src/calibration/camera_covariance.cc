@@ -21,8 +21,8 @@ namespace {
 
 /// Errors that all seconds share (of the surfaces, of the registration of patches) are seen neither
 /// by the formal covariance nor by the spread over seconds. On simulated drives the squared errors
-/// are three to this many times what both say (docs/accuracy.md).
-constexpr double kCommonErrors = 4.0;
+/// are two to this many times what both say (docs/accuracy.md).
+constexpr double kCommonErrors = 3.0;
 
 using SparseMatrix = Eigen::SparseMatrix<double, Eigen::RowMajor>;
 using ColumnMatrix = Eigen::SparseMatrix<double>;
