@@ -34,7 +34,7 @@ struct PipelineOptions {
 
   PipelineOptions() {
     tracking.registration.max_tracks = kMaxTracks;
-    // More than that many long tracks of a wide camera cost time and gain nothing.
+    // Of these it takes the long ones: more features of wide cameras cost time and gain nothing.
     tracking.detection.max_wide_factor = 1.0;
   }
 
