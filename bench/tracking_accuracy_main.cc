@@ -8,6 +8,7 @@
 #include <cstdio>
 #include <ctime>
 #include <filesystem>
+#include <fstream>
 #include <map>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
@@ -31,6 +32,7 @@ struct Arguments {
   std::string rig;
   std::string cache_directory;
   std::string config;
+  std::string tracks;
   double night_stops = 0.0;
   double night_noise_levels = 3.0;
 };
@@ -225,6 +227,33 @@ void Print(const std::string& name, const Judgement& judgement, int num_images, 
   std::fflush(stdout);
 }
 
+/// Another program's tracks of one camera, a sighting a line: track, image (0 is the first), x, y
+/// (0, 0 is the middle of the first pixel). Those of fewer than three images are left out.
+Result<std::vector<Track>> ReadTracks(const std::string& path, const Footage& footage) {
+  std::ifstream file(path);
+  if (!file) return Status::NotFound(path + ": cannot be read");
+  std::map<std::int64_t, std::map<Timestamp, TrackObservation>> sightings;
+  std::int64_t id = 0;
+  std::size_t image = 0;
+  TrackObservation observation;
+  while (file >> id >> image >> observation.pixel.x() >> observation.pixel.y()) {
+    if (image >= footage.images.size()) {
+      return Status::InvalidArgument(path + ": there is no image " + std::to_string(image));
+    }
+    observation.stamp_ns = footage.images[image].stamp_ns;
+    sightings[id].emplace(observation.stamp_ns, observation);
+  }
+  if (!file.eof()) return Status::InvalidArgument(path + ": not lines of: track image x y");
+  std::vector<Track> tracks;
+  for (const auto& [track_id, seen] : sightings) {
+    if (seen.size() < 3) continue;
+    tracks.emplace_back();
+    tracks.back().id = track_id;
+    for (const auto& [stamp_ns, sighting] : seen) tracks.back().observations.push_back(sighting);
+  }
+  return tracks;
+}
+
 double CpuMs() { return 1e3 * static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
 
 Status Run(const Arguments& arguments) {
@@ -245,6 +274,12 @@ Status Run(const Arguments& arguments) {
     }
     const Footage footage = Film(*simulator, c, arguments);
     const auto num_images = static_cast<int>(footage.images.size());
+    if (!arguments.tracks.empty()) {
+      const Result<std::vector<Track>> tracks = ReadTracks(arguments.tracks, footage);
+      if (!tracks.ok()) return tracks.status();
+      Print(camera.name, Judge(*simulator, c, footage, *tracks), num_images, 0.0, 0.0);
+      continue;
+    }
     CameraTracker tracker(camera.name, camera.model, options);
     const double start_ms = CpuMs();
     for (const GrayImage& image : footage.images) {
@@ -283,6 +318,8 @@ int main(int argc, char** argv) {
   app.add_option("--night-noise", arguments.night_noise_levels, "grey levels, at night");
   app.add_option("--cache", arguments.cache_directory, "directory to keep the images in");
   app.add_option("--config", arguments.config, "overrides of the tracking options");
+  app.add_option("--tracks", arguments.tracks,
+                 "another program's, judged instead: lines of track, image, x, y");
   CLI11_PARSE(app, argc, argv);
   const scenecalib::Status status = scenecalib::Run(arguments);
   if (!status.ok()) {
