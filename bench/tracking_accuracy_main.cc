@@ -12,6 +12,7 @@
 #include <map>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -123,6 +124,9 @@ struct Judgement {
   /// The same of tracks whose first pixel shows one surface only. Beside an edge the tracker
   /// follows the edge, while the point that is taken for the truth may lie on what is behind.
   std::map<int, std::vector<double>> aged_off_edges;
+  /// The part across the epipolar line: a patch that holds two depths is followed at one between
+  /// them, which shows along the line only; what drifts shows in both.
+  std::map<int, std::vector<double>> aged_across;
   std::vector<double> normalised;  ///< squared error by stated covariance, per degree of freedom
   int num_tracks = 0;
   int num_judged = 0;
@@ -153,6 +157,23 @@ bool IsAtEdge(const Simulator& simulator, int camera, Timestamp exposure_ns,
   return false;
 }
 
+/// Direction, in the later image, in which a point moves if it lies farther away along the first
+/// view's ray; none where it hardly moves.
+std::optional<Eigen::Vector2d> EpipolarDirection(const Simulator& simulator, int camera,
+                                                 Timestamp from_ns, Timestamp to_ns,
+                                                 const Eigen::Vector3d& point_in_map_m) {
+  constexpr double kFarther = 1.02;
+  constexpr double kMinMotion_px = 0.1;
+  const auto map_from_lidar = simulator.MapFromLidar(from_ns);
+  if (!map_from_lidar) return std::nullopt;
+  const CameraConfig& config = simulator.true_rig().cameras[static_cast<std::size_t>(camera)];
+  const Eigen::Vector3d eye_m = (*map_from_lidar * config.lidar_from_camera).translation;
+  const auto near = simulator.TruePixel(camera, to_ns, point_in_map_m);
+  const auto far = simulator.TruePixel(camera, to_ns, eye_m + kFarther * (point_in_map_m - eye_m));
+  if (!near || !far || (*far - *near).norm() < kMinMotion_px) return std::nullopt;
+  return (*far - *near).normalized();
+}
+
 Judgement Judge(const Simulator& simulator, int camera, const Footage& footage,
                 const std::vector<Track>& tracks) {
   Judgement judgement;
@@ -181,6 +202,13 @@ Judgement Judge(const Simulator& simulator, int camera, const Footage& footage,
       judgement.error_px.push_back(error.norm());
       judgement.aged[static_cast<int>(k)].push_back(error.norm());
       if (!is_at_edge) judgement.aged_off_edges[static_cast<int>(k)].push_back(error.norm());
+      if (pixel) {
+        const auto along = EpipolarDirection(simulator, camera, from_ns, to_ns, *moved);
+        if (along) {
+          const double across = error.x() * along->y() - error.y() * along->x();
+          judgement.aged_across[static_cast<int>(k)].push_back(std::abs(across));
+        }
+      }
       const Eigen::Matrix2d covariance = observation.covariance_px2 + first.covariance_px2;
       judgement.normalised.push_back(0.5 * error.dot(covariance.inverse() * error));
       is_gross = is_gross || error.norm() > 2.0;
@@ -221,6 +249,8 @@ void Print(const std::string& name, const Judgement& judgement, int num_images, 
   std::printf("\n  the same without the %.1f %% at depth edges:",
               100.0 * judgement.num_at_edge / std::max(1, judgement.num_judged));
   PrintByAge(judgement.aged_off_edges);
+  std::printf("\n  across the epipolar line:");
+  PrintByAge(judgement.aged_across);
   std::printf("\n  error^2 / stated variance, median %.2f (1.39/2 = 0.69 if honest)",
               Quantile(judgement.normalised, 0.5));
   std::printf("; CPU ms a frame: live %.1f, final %.1f\n", add_ms, segment_ms);
