@@ -4,6 +4,8 @@
 #include <tbb/global_control.h>
 
 #include <algorithm>
+#include <cmath>
+#include <cstdint>
 #include <limits>
 #include <string>
 
@@ -127,15 +129,20 @@ TEST(SegmentMapper, KeepsAGivenTrajectory) {
             Status::Code::kInsufficientData);
 }
 
-MappingResult MapWithOdometry(const SyntheticDrive& drive, bool use_odometry) {
+MappingResult MapWithOdometry(const SyntheticDrive& drive, bool use_odometry,
+                              std::uint64_t seed = 1) {
   Rig rig;
   rig.lidar.topic = "/points";
   rig.odometry = OdometryConfig{"/odometry", drive.lidar_from_body};
   MappingOptions options;
   options.refinement.use_odometry = use_odometry;
   SegmentMapper mapper(rig, options);
-  for (const OdometrySample& sample : drive.Odometry(kDurationS, 4)) mapper.AddOdometry(sample);
-  for (const LidarScan& scan : drive.Scans(kNumScans, 1)) EXPECT_TRUE(mapper.AddScan(scan).ok());
+  for (const OdometrySample& sample : drive.Odometry(kDurationS, seed + 3)) {
+    mapper.AddOdometry(sample);
+  }
+  for (const LidarScan& scan : drive.Scans(kNumScans, seed)) {
+    EXPECT_TRUE(mapper.AddScan(scan).ok());
+  }
   const auto result = mapper.BuildMap({});
   EXPECT_TRUE(result.ok()) << result.status().message();
   return *result;
@@ -145,24 +152,31 @@ TEST(SegmentMapper, LetsOdometryTellTheWayThroughATunnelWithoutFeatures) {
   SyntheticDrive drive;
   drive.boxes = SyntheticDrive::Tunnel();
   const Trajectory truth = drive.Truth(kDurationS);
-  const MappingResult with = MapWithOdometry(drive, true);
-  EXPECT_TRUE(with.report.used_odometry);
-  const Eigen::Vector2d error = RelativeMotionError(with.map.map_from_lidar, truth, 1.0);
-  const MappingResult alone = MapWithOdometry(drive, false);
-  const Eigen::Vector2d without = RelativeMotionError(alone.map.map_from_lidar, truth, 1.0);
+  // What is left of an error along the tunnel is noise: one seed alone tells little.
+  constexpr int kNumSeeds = 6;
+  double with_square_m2 = 0.0;
+  double without_square_m2 = 0.0;
+  for (int seed = 1; seed <= kNumSeeds; ++seed) {
+    const MappingResult with = MapWithOdometry(drive, true, seed);
+    EXPECT_TRUE(with.report.used_odometry);
+    const Eigen::Vector2d error = RelativeMotionError(with.map.map_from_lidar, truth, 1.0);
+    const MappingResult alone = MapWithOdometry(drive, false, seed);
+    const Eigen::Vector2d without = RelativeMotionError(alone.map.map_from_lidar, truth, 1.0);
+    with_square_m2 += error[0] * error[0];
+    without_square_m2 += without[0] * without[0];
+    EXPECT_LT(error[1], 1e-3);
+    // The odometry's scale is unknown there, and without odometry the way, and that is said.
+    ASSERT_EQ(with.map.relative_motion.size(), 3U);
+    EXPECT_GT(with.map.relative_motion[2].translation_m, error[0]);
+    EXPECT_TRUE(Warns(with, "does not fix the motion"));
+    ASSERT_EQ(alone.map.relative_motion.size(), 3U);
+    EXPECT_GT(alone.map.relative_motion[2].translation_m, without[0]);
+    EXPECT_TRUE(Warns(alone, "does not fix the motion"));
+  }
   // The odometry's own error: one per cent of 6 m.
-  EXPECT_LT(error[0], 0.06);
-  EXPECT_LT(error[1], 1e-3);
+  EXPECT_LT(std::sqrt(with_square_m2 / kNumSeeds), 0.06);
   // Left alone, the unseen direction stays about where the first registration put it.
-  EXPECT_LT(error[0], 0.75 * without[0]);
-  // Its scale is unknown there, and that is said.
-  ASSERT_EQ(with.map.relative_motion.size(), 3U);
-  EXPECT_GT(with.map.relative_motion[2].translation_m, error[0]);
-  EXPECT_TRUE(Warns(with, "does not fix the motion"));
-  ASSERT_EQ(alone.map.relative_motion.size(), 3U);
-  // Nobody knows it there, and about that much is stated.
-  EXPECT_GT(alone.map.relative_motion[2].translation_m, 0.5 * without[0]);
-  EXPECT_TRUE(Warns(alone, "does not fix the motion"));
+  EXPECT_LT(with_square_m2, 0.5 * without_square_m2);
 }
 
 TEST(SegmentMapper, DoesNotLetOdometrySpoilWhatTheLidarSees) {
