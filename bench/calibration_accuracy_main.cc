@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "bench/lidar_arguments.h"
+#include "bench/quantile.h"
 #include "bench/simulated_drive.h"
 #include "scenecalib/base/log.h"
 #include "scenecalib/evaluation/rig_comparison.h"
@@ -42,13 +43,6 @@ double TimeOffsetError_s(std::size_t camera, const Arguments& arguments) {
   return (camera % 2 == 0 ? 1e-3 : -1e-3) * arguments.time_offset_ms;
 }
 
-double Quantile(std::vector<double>* values, double share) {
-  if (values->empty()) return 0.0;
-  const auto n = static_cast<std::ptrdiff_t>(share * static_cast<double>(values->size() - 1));
-  std::nth_element(values->begin(), values->begin() + n, values->end());
-  return *(values->begin() + n);
-}
-
 /// Matches between cameras against the true scene point of the source pixel, seen by the target.
 void ReportMatches(const SimulatedDrive& drive, const std::vector<MatchedPixels>& matches) {
   const Simulator& truth = drive.simulator();
@@ -72,7 +66,7 @@ void ReportMatches(const SimulatedDrive& drive, const std::vector<MatchedPixels>
   }
   std::printf(
       "  matches between cameras %zu: median %.3f px, 95 %% %.3f px, off by over 3 px %.2f %%\n",
-      errors_px.size(), Quantile(&errors_px, 0.5), Quantile(&errors_px, 0.95),
+      errors_px.size(), Quantile(errors_px, 0.5), Quantile(errors_px, 0.95),
       100.0 * num_wrong / std::max<std::size_t>(1, errors_px.size()));
 }
 
@@ -110,7 +104,7 @@ void ReportPairs(const char* name, const Rig& truth, const Rig& estimate) {
   }
   if (errors_deg.empty()) return;
   std::printf("  between cameras, %s: median %.4f deg %.2f mm, worst %.4f deg %.2f mm\n", name,
-              Quantile(&errors_deg, 0.5), Quantile(&errors_mm, 0.5),
+              Quantile(errors_deg, 0.5), Quantile(errors_mm, 0.5),
               *std::max_element(errors_deg.begin(), errors_deg.end()),
               *std::max_element(errors_mm.begin(), errors_mm.end()));
 }

@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "bench/quantile.h"
 #include "scenecalib/ros/prepared_recording.h"
 #include "scenecalib/sensor/image_pose.h"
 
@@ -20,13 +21,6 @@ namespace {
 /// Below it the line's direction is the trajectory's noise.
 constexpr double kMinBaseline_m = 0.2;
 constexpr double kGross_px = 2.0;
-
-double Quantile(std::vector<double> values, double share) {
-  if (values.empty()) return std::nan("");
-  const auto index = static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), values.begin() + index, values.end());
-  return values[static_cast<std::size_t>(index)];
-}
 
 /// Distance in pixels of a sighting from the epipolar line of the track's reference; none where a
 /// ray or a pose is missing, the camera stood still, or the line is a point.

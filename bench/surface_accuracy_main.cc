@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "bench/lidar_arguments.h"
+#include "bench/quantile.h"
 #include "bench/simulated_drive.h"
 #include "scenecalib/association/track_association.h"
 #include "scenecalib/base/random.h"
@@ -58,13 +59,6 @@ struct Errors {
 };
 
 double CpuSeconds() { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
-
-double Quantile(std::vector<double> values, double share) {
-  if (values.empty()) return 0.0;
-  const auto rank = static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), values.begin() + rank, values.end());
-  return values[rank];
-}
 
 void Print(const std::string& name, const Errors& errors, double of_all) {
   const auto count = static_cast<double>(errors.distance_m.size());

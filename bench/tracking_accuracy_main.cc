@@ -16,6 +16,7 @@
 #include <string>
 #include <vector>
 
+#include "bench/quantile.h"
 #include "scenecalib/base/random.h"
 #include "scenecalib/io/options_yaml.h"
 #include "scenecalib/io/rig_yaml.h"
@@ -108,13 +109,6 @@ Footage Film(const Simulator& simulator, int camera, const Arguments& arguments)
     footage.exposure_ns[measurement.stamp_ns] = measurement.exposure_ns;
   }
   return footage;
-}
-
-double Quantile(std::vector<double> values, double share) {
-  if (values.empty()) return std::nan("");
-  const auto index = static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), values.begin() + index, values.end());
-  return values[static_cast<std::size_t>(index)];
 }
 
 /// What the truth says of one camera's tracks.
@@ -295,6 +289,9 @@ Status Run(const Arguments& arguments) {
   if (!rig.ok()) return rig.status();
   const Result<Simulator> simulator = Simulator::Create(*rig, arguments.simulation);
   if (!simulator.ok()) return simulator.status();
+  if (!arguments.tracks.empty() && arguments.cameras.size() != 1) {
+    return Status::InvalidArgument("--tracks are one camera's: name it by --camera");
+  }
   for (int c = 0; c < static_cast<int>(rig->cameras.size()); ++c) {
     const CameraConfig& camera = rig->cameras[static_cast<std::size_t>(c)];
     // All cameras are simulated, whichever are looked at: each draws its clock from one stream.
