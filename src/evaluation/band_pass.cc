@@ -11,8 +11,8 @@ namespace scenecalib {
 namespace {
 
 constexpr double kWideOverFine = 8.0;
-/// Rows whose running sums are carried on side by side: one alone waits for each addition.
-constexpr int kRowsAtOnce = 8;
+/// Sequences whose running sums are carried on side by side: one alone waits for each addition.
+constexpr int kLanes = 16;
 /// Contrast, in grey levels, below which brightness is rather noise than texture.
 constexpr float kContrastFloor = 3.0F;
 
@@ -42,94 +42,96 @@ std::vector<float> GaussianKernel(double sigma_px) {
 }
 
 /// Convolution of rows and columns; the border is repeated.
-Plane Smooth(const Plane& in, double sigma_px) {
+Plane Smooth(const cv::Mat& in, double sigma_px) {
   const std::vector<float> kernel = GaussianKernel(sigma_px);
   const int radius = static_cast<int>(kernel.size() / 2);
-  Plane vertical{in.columns, in.rows, std::vector<float>(in.values.size(), 0.0F)};
+  Plane out{in.cols, in.rows, std::vector<float>(static_cast<std::size_t>(in.cols) * in.rows)};
+  std::vector<float> padded(static_cast<std::size_t>(in.cols + 2 * radius));
+  float* vertical = padded.data() + radius;
   for (int row = 0; row < in.rows; ++row) {
-    float* out = vertical.Row(row);
+    std::fill(padded.begin(), padded.end(), 0.0F);
     for (int k = -radius; k <= radius; ++k) {
       const float weight = kernel[static_cast<std::size_t>(k + radius)];
-      const float* source = in.Row(Clamp(row + k, in.rows));
-      for (int column = 0; column < in.columns; ++column) out[column] += weight * source[column];
+      const unsigned char* source = in.ptr<unsigned char>(Clamp(row + k, in.rows));
+      for (int column = 0; column < in.cols; ++column) {
+        vertical[column] += weight * static_cast<float>(source[column]);
+      }
     }
-  }
-  Plane out{in.columns, in.rows, std::vector<float>(in.values.size())};
-  std::vector<float> padded(static_cast<std::size_t>(in.columns + 2 * radius));
-  for (int row = 0; row < in.rows; ++row) {
-    const float* source = vertical.Row(row);
-    for (int column = 0; column < static_cast<int>(padded.size()); ++column) {
-      padded[static_cast<std::size_t>(column)] = source[Clamp(column - radius, in.columns)];
-    }
+    std::fill(padded.begin(), padded.begin() + radius, vertical[0]);
+    std::fill(padded.end() - radius, padded.end(), vertical[in.cols - 1]);
     float* target = out.Row(row);
     for (std::size_t k = 0; k < kernel.size(); ++k) {
       const float weight = kernel[k];
       const float* shifted = padded.data() + k;
-      for (int column = 0; column < in.columns; ++column) {
-        target[column] += weight * shifted[column];
-      }
+      for (int column = 0; column < in.cols; ++column) target[column] += weight * shifted[column];
     }
   }
   return out;
 }
 
-/// Mean over squares of edge 2 radius + 1, by running sums; the border is repeated.
-Plane BoxMean(const Plane& in, int radius) {
+/// Means over 2 radius + 1 values of kLanes sequences of `count` values that lie side by side, by
+/// running sums; the border is repeated.
+void RunningMeans(const float* in, int count, int radius, float* out) {
   const float scale = 1.0F / static_cast<float>(2 * radius + 1);
-  Plane horizontal{in.columns, in.rows, std::vector<float>(in.values.size())};
-  for (int first = 0; first < in.rows; first += kRowsAtOnce) {
-    double sums[kRowsAtOnce] = {};
-    const float* source[kRowsAtOnce];
-    float* out[kRowsAtOnce];
-    for (int r = 0; r < kRowsAtOnce; ++r) {
-      source[r] = in.Row(std::min(first + r, in.rows - 1));
-      out[r] = horizontal.Row(std::min(first + r, in.rows - 1));
-      for (int k = -radius; k <= radius; ++k) sums[r] += source[r][Clamp(k, in.columns)];
-    }
-    for (int column = 0; column < in.columns; ++column) {
-      const int entering = Clamp(column + radius + 1, in.columns);
-      const int leaving = Clamp(column - radius, in.columns);
-      for (int r = 0; r < kRowsAtOnce; ++r) {
-        out[r][column] = static_cast<float>(sums[r]) * scale;
-        sums[r] += source[r][entering];
-        sums[r] -= source[r][leaving];
-      }
-    }
-  }
-  Plane out{in.columns, in.rows, std::vector<float>(in.values.size())};
-  std::vector<double> sums(static_cast<std::size_t>(in.columns), 0.0);
+  float sums[kLanes] = {};
+  const auto at = [&](int i) { return in + static_cast<std::ptrdiff_t>(Clamp(i, count)) * kLanes; };
   for (int k = -radius; k <= radius; ++k) {
-    const float* source = horizontal.Row(Clamp(k, in.rows));
-    for (int column = 0; column < in.columns; ++column) sums[column] += source[column];
+    for (int lane = 0; lane < kLanes; ++lane) sums[lane] += at(k)[lane];
   }
-  for (int row = 0; row < in.rows; ++row) {
-    float* target = out.Row(row);
-    const float* entering = horizontal.Row(Clamp(row + radius + 1, in.rows));
-    const float* leaving = horizontal.Row(Clamp(row - radius, in.rows));
-    for (int column = 0; column < in.columns; ++column) {
-      target[column] = static_cast<float>(sums[column]) * scale;
-      sums[column] += entering[column] - leaving[column];
+  for (int i = 0; i < count; ++i, out += kLanes) {
+    const float* entering = at(i + radius + 1);
+    const float* leaving = at(i - radius);
+    for (int lane = 0; lane < kLanes; ++lane) {
+      out[lane] = sums[lane] * scale;
+      sums[lane] += entering[lane] - leaving[lane];
     }
   }
-  return out;
 }
 
-/// Two box means are near enough to a Gaussian of that deviation.
+/// Two means over squares, which are near enough to a Gaussian of that deviation.
 Plane SmoothWide(const Plane& in, double sigma_px) {
   const int radius = std::max(1, static_cast<int>(std::lround(1.22 * sigma_px)));
-  return BoxMean(BoxMean(in, radius), radius);
+  Plane out = in;
+  std::vector<float> once(static_cast<std::size_t>(std::max(in.columns, in.rows)) * kLanes);
+  std::vector<float> strip(once.size());
+  const auto smooth = [&](int count) {
+    RunningMeans(strip.data(), count, radius, once.data());
+    RunningMeans(once.data(), count, radius, strip.data());
+  };
+  for (int first = 0; first < in.columns; first += kLanes) {
+    const int lanes = std::min(kLanes, in.columns - first);
+    for (int row = 0; row < in.rows; ++row) {
+      std::copy_n(out.Row(row) + first, lanes, &strip[static_cast<std::size_t>(row) * kLanes]);
+    }
+    smooth(in.rows);
+    for (int row = 0; row < in.rows; ++row) {
+      std::copy_n(&strip[static_cast<std::size_t>(row) * kLanes], lanes, out.Row(row) + first);
+    }
+  }
+  for (int first = 0; first < in.rows; first += kLanes) {
+    const int lanes = std::min(kLanes, in.rows - first);
+    for (int lane = 0; lane < lanes; ++lane) {
+      const float* source = out.Row(first + lane);
+      for (int column = 0; column < in.columns; ++column) {
+        strip[static_cast<std::size_t>(column) * kLanes + lane] = source[column];
+      }
+    }
+    smooth(in.columns);
+    for (int lane = 0; lane < lanes; ++lane) {
+      float* target = out.Row(first + lane);
+      for (int column = 0; column < in.columns; ++column) {
+        target[column] = strip[static_cast<std::size_t>(column) * kLanes + lane];
+      }
+    }
+  }
+  return out;
 }
 
 }  // namespace
 
 BandPassImage::BandPassImage(const cv::Mat& image, double sigma_px)
     : columns_(image.cols), rows_(image.rows) {
-  Plane grey{columns_, rows_, std::vector<float>(static_cast<std::size_t>(columns_) * rows_)};
-  for (int row = 0; row < rows_; ++row) {
-    const unsigned char* source = image.ptr<unsigned char>(row);
-    std::copy(source, source + columns_, grey.Row(row));
-  }
-  Plane fine = Smooth(grey, sigma_px);
+  Plane fine = Smooth(image, sigma_px);
   const Plane wide = SmoothWide(fine, kWideOverFine * sigma_px);
   for (std::size_t i = 0; i < fine.values.size(); ++i) fine.values[i] -= wide.values[i];
   Plane square = fine;

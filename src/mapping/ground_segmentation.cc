@@ -1,7 +1,6 @@
 #include "ground_segmentation.h"
 
 #include <tbb/parallel_for.h>
-#include <tbb/parallel_sort.h>
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -102,22 +101,25 @@ bool HeightGrid::Build() {
   height_ = static_cast<int>((box.sizes().y() + 2.0F * margin_m) * inverse_size_) + 1;
   cells_.assign(static_cast<std::size_t>(width_) * height_, Cell());
 
-  std::vector<std::pair<int, float>> heights;
-  heights.reserve(points_.size());
+  // Heights by cell: each cell's begin first.
+  std::vector<std::size_t> begin(cells_.size() + 1, 0);
   for (const LidarReturn& point : points_) {
-    if (InRange(point)) heights.emplace_back(CellOf(point.position_m), point.position_m.z());
+    if (InRange(point)) ++begin[static_cast<std::size_t>(CellOf(point.position_m)) + 1];
   }
-  tbb::parallel_sort(heights.begin(), heights.end());
-  std::vector<float> of_cell;
-  for (std::size_t begin = 0; begin < heights.size();) {
-    of_cell.clear();
-    std::size_t end = begin;
-    for (; end < heights.size() && heights[end].first == heights[begin].first; ++end) {
-      of_cell.push_back(heights[end].second);
-    }
-    Summarize(of_cell.data(), static_cast<int>(of_cell.size()), &cells_[heights[begin].first]);
-    begin = end;
+  for (std::size_t i = 1; i < begin.size(); ++i) begin[i] += begin[i - 1];
+  std::vector<std::size_t> next(begin.begin(), begin.end() - 1);
+  std::vector<float> heights(begin.back());
+  for (const LidarReturn& point : points_) {
+    if (!InRange(point)) continue;
+    heights[next[static_cast<std::size_t>(CellOf(point.position_m))]++] = point.position_m.z();
   }
+  tbb::parallel_for(std::size_t{0}, cells_.size(), [&](std::size_t cell) {
+    const auto count = static_cast<int>(begin[cell + 1] - begin[cell]);
+    if (count == 0) return;
+    float* const of_cell = heights.data() + begin[cell];
+    std::sort(of_cell, of_cell + count);
+    Summarize(of_cell, count, &cells_[cell]);
+  });
   return true;
 }
 

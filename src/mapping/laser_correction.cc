@@ -59,6 +59,22 @@ LaserCorrection::LaserCorrection(const std::vector<const PackedScan*>& scans) {
   double sum = 0.0;
   for (const Node& node : nodes_) sum += node.share;
   for (Node& node : nodes_) node.share /= sum;
+  IndexNodes();
+}
+
+void LaserCorrection::IndexNodes() {
+  if (nodes_.empty()) return;
+  constexpr int kStepsPerNode = 8;
+  const std::size_t num_steps = kStepsPerNode * nodes_.size();
+  const double first = nodes_.front().sine_of_elevation;
+  steps_per_sine_ =
+      static_cast<double>(num_steps) / (nodes_.back().sine_of_elevation - first);
+  int node = 0;
+  for (std::size_t step = 0; step < num_steps; ++step) {
+    const double begin = first + static_cast<double>(step) / steps_per_sine_;
+    while (nodes_[static_cast<std::size_t>(node) + 1].sine_of_elevation < begin) ++node;
+    node_at_step_.push_back(node);
+  }
 }
 
 LaserCorrection::Errors LaserCorrection::RootMeanSquare() const {
@@ -82,14 +98,16 @@ void LaserCorrection::Add(const Eigen::VectorXd& step) {
 LaserCorrection::Place LaserCorrection::PlaceOf(const Eigen::Vector3d& point_in_lidar_m) const {
   const double range_m = point_in_lidar_m.norm();
   const double sine = range_m > 0.0 ? point_in_lidar_m.z() / range_m : 0.0;
-  const auto after = std::upper_bound(
-      nodes_.begin() + 1, nodes_.end() - 1, sine,
-      [](double value, const Node& node) { return value < node.sine_of_elevation; });
-  const Node& next = *after;
-  const Node& first = *(after - 1);
-  const double share =
-      (sine - first.sine_of_elevation) / (next.sine_of_elevation - first.sine_of_elevation);
-  return {static_cast<int>(after - 1 - nodes_.begin()), std::clamp(share, 0.0, 1.0)};
+  const double step = (sine - nodes_.front().sine_of_elevation) * steps_per_sine_;
+  const auto last_step = static_cast<double>(node_at_step_.size() - 1);
+  auto first = static_cast<std::size_t>(
+      node_at_step_[static_cast<std::size_t>(std::clamp(step, 0.0, last_step))]);
+  // By rounding the step may be one too far.
+  while (first > 0 && nodes_[first].sine_of_elevation > sine) --first;
+  while (first + 2 < nodes_.size() && nodes_[first + 1].sine_of_elevation <= sine) ++first;
+  const double begin = nodes_[first].sine_of_elevation;
+  const double share = (sine - begin) / (nodes_[first + 1].sine_of_elevation - begin);
+  return {static_cast<int>(first), std::clamp(share, 0.0, 1.0)};
 }
 
 LaserCorrection::Jacobian LaserCorrection::JacobianAt(const Eigen::Vector3d& point_in_lidar_m) {
@@ -105,7 +123,11 @@ LaserCorrection::Jacobian LaserCorrection::JacobianAt(const Eigen::Vector3d& poi
 
 Eigen::Vector3d LaserCorrection::Apply(const Eigen::Vector3d& point_in_lidar_m) const {
   if (nodes_.empty()) return point_in_lidar_m;
-  const Place place = PlaceOf(point_in_lidar_m);
+  return Apply(point_in_lidar_m, PlaceOf(point_in_lidar_m));
+}
+
+Eigen::Vector3d LaserCorrection::Apply(const Eigen::Vector3d& point_in_lidar_m,
+                                       const Place& place) const {
   const auto first = static_cast<std::size_t>(place.first);
   const Errors errors = (1.0 - place.share_of_next) * nodes_[first].errors +
                         place.share_of_next * nodes_[first + 1].errors;

@@ -55,12 +55,40 @@ struct CellSum {
   }
 };
 
-/// Of cells, or of points that are to be summed into them.
-template <typename T>
-bool Before(const T& a, const T& b) {
-  if (a.cell != b.cell) return a.cell < b.cell;
-  return a.bin != b.bin ? a.bin < b.bin : a.laser < b.laser;
-}
+/// Finds the cells of one scan by cell, time bin and laser.
+class CellTable {
+ public:
+  explicit CellTable(std::size_t max_cells) {
+    std::size_t size = 16;
+    while (size < 2 * max_cells) size *= 2;
+    slots_.assign(size, kFree);
+  }
+
+  /// The entry in `cells`, a new one at its end if need be.
+  CellSum& At(std::uint64_t cell, std::int32_t bin, std::int32_t laser,
+              std::vector<CellSum>* cells) {
+    const std::uint64_t time_and_laser = static_cast<std::uint64_t>(bin) << 16 ^
+                                         static_cast<std::uint64_t>(laser);
+    std::uint64_t hash = (cell + time_and_laser * 0xbf58476d1ce4e5b9ULL) * 0x9e3779b97f4a7c15ULL;
+    hash ^= hash >> 32;
+    for (std::size_t slot = hash & (slots_.size() - 1);; slot = (slot + 1) & (slots_.size() - 1)) {
+      if (slots_[slot] == kFree) {
+        slots_[slot] = static_cast<std::uint32_t>(cells->size());
+        CellSum& sum = cells->emplace_back();
+        sum.cell = cell;
+        sum.bin = bin;
+        sum.laser = laser;
+        return sum;
+      }
+      CellSum& sum = (*cells)[slots_[slot]];
+      if (sum.cell == cell && sum.bin == bin && sum.laser == laser) return sum;
+    }
+  }
+
+ private:
+  static constexpr std::uint32_t kFree = 0xffffffffU;
+  std::vector<std::uint32_t> slots_;
+};
 
 std::uint64_t SpreadBits(std::uint64_t x) {
   x &= 0x1fffff;
@@ -96,58 +124,42 @@ struct Placement {
   const PoseTable& table;
 };
 
-/// The cells of one scan.
+/// The cells of one scan, in no order.
 std::vector<CellSum> SumCells(const PackedScan& scan, const Placement& placement,
                               std::size_t stride, std::size_t phase,
                               const RefinementOptions& options) {
-  struct Placed {
-    std::uint64_t cell;
-    std::int32_t bin;
-    std::int32_t laser;
-    float seconds_in_bin;
-    float share_of_next;
-    Eigen::Vector3f offset;
-  };
   const PoseTable& table = placement.table;
   const double stamp_s = SecondsBetween(table.start_ns(), scan.stamp_ns());
-  std::vector<Placed> placed;
-  placed.reserve(scan.size() / stride + 1);
+  CellTable cell_table(scan.size() / stride + 1);
+  std::vector<CellSum> cells;
   for (std::size_t i = phase; i < scan.size(); i += stride) {
     const double seconds = stamp_s + scan.time_offset_s(i);
-    const Eigen::Vector3d in_lidar = scan.position_in_lidar_m(i).cast<double>();
-    const Eigen::Vector3d in_map = table.Place(placement.lasers.Apply(in_lidar), seconds);
+    Eigen::Vector3d in_lidar = scan.position_in_lidar_m(i).cast<double>();
     LaserCorrection::Place lasers;
-    if (placement.by_laser) lasers = placement.lasers.PlaceOf(in_lidar);
-    Placed p;
-    p.cell = 0;
-    p.laser = lasers.first;
-    p.share_of_next = static_cast<float>(lasers.share_of_next);
+    if (!placement.lasers.empty()) {
+      const LaserCorrection::Place place = placement.lasers.PlaceOf(in_lidar);
+      in_lidar = placement.lasers.Apply(in_lidar, place);
+      if (placement.by_laser) lasers = place;
+    }
+    const Eigen::Vector3d in_map = table.Place(in_lidar, seconds);
+    std::uint64_t cell = 0;
+    Eigen::Vector3f offset;
     for (int axis = 0; axis < 3; ++axis) {
       const auto index =
           static_cast<std::int64_t>(std::floor(in_map[axis] / options.finest_patch_m));
-      p.cell |= SpreadBits(static_cast<std::uint64_t>(index + kCellOffset)) << axis;
-      p.offset[axis] = static_cast<float>(in_map[axis] - (static_cast<double>(index) + 0.5) *
-                                                             options.finest_patch_m);
+      cell |= SpreadBits(static_cast<std::uint64_t>(index + kCellOffset)) << axis;
+      offset[axis] = static_cast<float>(in_map[axis] - (static_cast<double>(index) + 0.5) *
+                                                           options.finest_patch_m);
     }
-    p.bin = static_cast<std::int32_t>(std::floor(seconds / options.time_bin_s));
-    p.seconds_in_bin = static_cast<float>(seconds - p.bin * options.time_bin_s);
-    placed.push_back(p);
-  }
-  std::stable_sort(placed.begin(), placed.end(), Before<Placed>);
-  std::vector<CellSum> cells;
-  for (const Placed& p : placed) {
-    if (cells.empty() || cells.back().cell != p.cell || cells.back().bin != p.bin ||
-        cells.back().laser != p.laser) {
-      cells.emplace_back();
-      cells.back().cell = p.cell;
-      cells.back().bin = p.bin;
-      cells.back().laser = p.laser;
-    }
-    cells.back().Add(p.offset, p.seconds_in_bin, p.share_of_next);
+    const auto bin = static_cast<std::int32_t>(std::floor(seconds / options.time_bin_s));
+    cell_table.At(cell, bin, lasers.first, &cells)
+        .Add(offset, static_cast<float>(seconds - bin * options.time_bin_s),
+             static_cast<float>(lasers.share_of_next));
   }
   return cells;
 }
 
+/// By cell, time bin and laser.
 std::vector<CellSum> SumAllCells(const std::vector<const PackedScan*>& scans,
                                  const Placement& placement, const RefinementOptions& options) {
   std::size_t num_points = 0;
@@ -157,17 +169,28 @@ std::vector<CellSum> SumAllCells(const std::vector<const PackedScan*>& scans,
   tbb::parallel_for(std::size_t{0}, scans.size(), [&](std::size_t i) {
     of_scan[i] = SumCells(*scans[i], placement, stride, i % stride, options);
   });
-  std::vector<CellSum> cells;
-  for (auto& some : of_scan) {
-    cells.insert(cells.end(), some.begin(), some.end());
-    some = {};
+  struct Entry {
+    std::uint64_t cell;
+    std::int32_t bin;
+    std::int32_t laser;
+    const CellSum* sum;
+  };
+  std::vector<Entry> order;
+  for (const auto& some : of_scan) {
+    for (const CellSum& sum : some) order.push_back({sum.cell, sum.bin, sum.laser, &sum});
   }
   // Consecutive scans may share a bin: a total order, so that the result does not depend on
   // threads.
-  tbb::parallel_sort(cells.begin(), cells.end(), [](const CellSum& a, const CellSum& b) {
-    if (a.cell != b.cell || a.bin != b.bin || a.laser != b.laser) return Before(a, b);
-    return std::tie(a.seconds, a.count, a.sum.x()) < std::tie(b.seconds, b.count, b.sum.x());
+  tbb::parallel_sort(order.begin(), order.end(), [](const Entry& a, const Entry& b) {
+    if (a.cell != b.cell) return a.cell < b.cell;
+    if (a.bin != b.bin) return a.bin < b.bin;
+    if (a.laser != b.laser) return a.laser < b.laser;
+    return std::tie(a.sum->seconds, a.sum->count, a.sum->sum.x()) <
+           std::tie(b.sum->seconds, b.sum->count, b.sum->sum.x());
   });
+  std::vector<CellSum> cells;
+  cells.reserve(order.size());
+  for (const Entry& entry : order) cells.push_back(*entry.sum);
   return cells;
 }
 

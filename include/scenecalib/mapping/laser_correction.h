@@ -49,9 +49,17 @@ class LaserCorrection {
   static Jacobian JacobianAt(const Eigen::Vector3d& point_in_lidar_m);
 
   Eigen::Vector3d Apply(const Eigen::Vector3d& point_in_lidar_m) const;
+  /// The same where the point's place is known.
+  Eigen::Vector3d Apply(const Eigen::Vector3d& point_in_lidar_m, const Place& place) const;
 
  private:
+  void IndexNodes();
+
   std::vector<Node> nodes_;  ///< by elevation; two or more, or none
+  /// For equal steps of the sine of elevation, from the first node's to the last one's, the last
+  /// node that lies before the step's begin: millions of points ask for theirs.
+  std::vector<int> node_at_step_;
+  double steps_per_sine_ = 0.0;
 };
 
 }  // namespace scenecalib
