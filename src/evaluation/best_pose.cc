@@ -45,32 +45,67 @@ struct Normal {
   }
 };
 
-Eigen::RowVector2f Gradient(const BandPassImage& image, const Eigen::Vector2f& pixel,
-                            float base_px) {
-  const float half = 0.5F * base_px;
-  return Eigen::RowVector2f(
-             image.At(pixel.x() + half, pixel.y()) - image.At(pixel.x() - half, pixel.y()),
-             image.At(pixel.x(), pixel.y() + half) - image.At(pixel.x(), pixel.y() - half)) /
-         base_px;
-}
-
-/// Of a pair of two cameras.
+/// Of a pair of two cameras, some points at a time.
 Normal Linearise(const Comparison& comparison, const ScaledPose& pose, const SearchStep& step) {
+  constexpr std::size_t kAtOnce = 64;
+  struct Places {
+    float x[kAtOnce], y[kAtOnce];
+  };
   const Eigen::Matrix<float, kNumAxes, 1> p = pose.cast<float>();
+  const BandPassImage& image = *comparison.image;
+  const float half_px = 0.5F * step.gradient_base_px;
   Normal normal;
-  for (std::size_t i = 0; i < comparison.pixels.size(); ++i) {
-    const Eigen::Vector2f pixel = comparison.pixels[i] + comparison.pixels_by_pose[i] * p;
-    const double difference =
-        comparison.image->At(pixel.x(), pixel.y()) - comparison.other_values[i];
-    if (std::abs(difference) >= step.max_difference) continue;
-    const ScaledPose row =
-        (Gradient(*comparison.image, pixel, step.gradient_base_px) * comparison.pixels_by_pose[i])
-            .transpose()
-            .cast<double>();
-    normal.h += row * row.transpose();
-    normal.b += difference * row;
-    normal.square_sum += difference * difference;
-    ++normal.count;
+  for (std::size_t first = 0; first < comparison.pixels.size(); first += kAtOnce) {
+    const std::size_t n = std::min(kAtOnce, comparison.pixels.size() - first);
+    Places places;
+    for (std::size_t k = 0; k < n; ++k) {
+      const Eigen::Vector2f pixel =
+          comparison.pixels[first + k] + comparison.pixels_by_pose[first + k] * p;
+      places.x[k] = pixel.x();
+      places.y[k] = pixel.y();
+    }
+    float values[kAtOnce];
+    image.At(places.x, places.y, n, values);
+    // Those that count move up.
+    std::size_t point[kAtOnce];
+    Eigen::Matrix<float, kAtOnce, 1> difference;
+    std::size_t count = 0;
+    for (std::size_t k = 0; k < n; ++k) {
+      const float d = values[k] - comparison.other_values[first + k];
+      if (std::abs(d) >= static_cast<float>(step.max_difference)) continue;
+      point[count] = first + k;
+      difference[static_cast<Eigen::Index>(count)] = d;
+      places.x[count] = places.x[k];
+      places.y[count] = places.y[k];
+      ++count;
+    }
+    const auto difference_across = [&](float dx, float dy, float* differences) {
+      Places after, before;
+      for (std::size_t k = 0; k < count; ++k) {
+        after.x[k] = places.x[k] + dx;
+        after.y[k] = places.y[k] + dy;
+        before.x[k] = places.x[k] - dx;
+        before.y[k] = places.y[k] - dy;
+      }
+      image.At(after.x, after.y, count, differences);
+      image.At(before.x, before.y, count, values);
+      for (std::size_t k = 0; k < count; ++k) differences[k] -= values[k];
+    };
+    float along_x[kAtOnce], along_y[kAtOnce];
+    difference_across(half_px, 0.0F, along_x);
+    difference_across(0.0F, half_px, along_y);
+    Eigen::Matrix<float, kNumAxes, Eigen::Dynamic, 0, kNumAxes, kAtOnce> by_pose(kNumAxes, count);
+    for (std::size_t k = 0; k < count; ++k) {
+      const Eigen::RowVector2f gradient =
+          Eigen::RowVector2f(along_x[k], along_y[k]) / step.gradient_base_px;
+      by_pose.col(static_cast<Eigen::Index>(k)) =
+          (gradient * comparison.pixels_by_pose[point[k]]).transpose();
+    }
+    const auto differences = difference.head(static_cast<Eigen::Index>(count));
+    normal.h += by_pose.lazyProduct(by_pose.transpose()).cast<double>();
+    normal.b += by_pose.lazyProduct(differences).cast<double>();
+    normal.square_sum += static_cast<double>(differences.squaredNorm());
+    normal.count += static_cast<int>(count);
   }
   return normal;
 }
