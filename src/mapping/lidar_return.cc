@@ -4,6 +4,8 @@
 #include <tbb/parallel_sort.h>
 
 #include <algorithm>
+#include <array>
+#include <limits>
 #include <utility>
 
 namespace scenecalib {
@@ -33,6 +35,75 @@ Eigen::Vector3d VelocityAround(const std::vector<RegisteredScan>& scans,
   const double elapsed_s = mid_times_s[after] - mid_times_s[before];
   if (elapsed_s <= 0.0) return Eigen::Vector3d::Zero();
   return (scans[after].lidar_in_map_m - scans[before].lidar_in_map_m) / elapsed_s;
+}
+
+/// Numbers the voxels of the smallest box around the given ones, in the order of their keys.
+class VoxelBox {
+ public:
+  explicit VoxelBox(const std::vector<std::uint64_t>& keys) {
+    std::array<std::uint64_t, 3> last{};
+    first_.fill(kMask);
+    for (const std::uint64_t key : keys) {
+      for (int axis = 0; axis < 3; ++axis) {
+        first_[axis] = std::min(first_[axis], Coordinate(key, axis));
+        last[axis] = std::max(last[axis], Coordinate(key, axis));
+      }
+    }
+    if (keys.empty()) first_ = last;
+    for (int axis = 0; axis < 3; ++axis) size_[axis] = last[axis] - first_[axis] + 1;
+  }
+
+  /// At most 2^63.
+  std::uint64_t num_voxels() const { return size_[0] * size_[1] * size_[2]; }
+  std::uint64_t Number(std::uint64_t key) const {
+    const auto offset = [&](int axis) { return Coordinate(key, axis) - first_[axis]; };
+    return (offset(0) * size_[1] + offset(1)) * size_[2] + offset(2);
+  }
+
+ private:
+  static constexpr std::uint64_t kMask = (1 << 21) - 1;
+  static std::uint64_t Coordinate(std::uint64_t key, int axis) {
+    return key >> (42 - 21 * axis) & kMask;
+  }
+
+  std::array<std::uint64_t, 3> first_;
+  std::array<std::uint64_t, 3> size_;
+};
+
+/// Sorts by the upper 32 bits, whose values are below `limit`, and leaves equals in their order:
+/// there are few different values for millions of entries, which a counting sort, digit by digit,
+/// puts in order several times faster than comparing.
+void SortByUpperHalf(std::uint64_t limit, std::vector<std::uint64_t>* entries) {
+  constexpr int kDigitBits = 11;
+  constexpr std::uint64_t kDigitMask = (1 << kDigitBits) - 1;
+  std::vector<std::uint64_t> sorted(entries->size());
+  for (int shift = 32; shift < 64 && (limit - 1) >> (shift - 32) > 0; shift += kDigitBits) {
+    std::array<std::size_t, kDigitMask + 2> begin{};
+    for (const std::uint64_t entry : *entries) ++begin[(entry >> shift & kDigitMask) + 1];
+    for (std::size_t digit = 1; digit < begin.size(); ++digit) begin[digit] += begin[digit - 1];
+    for (const std::uint64_t entry : *entries) sorted[begin[entry >> shift & kDigitMask]++] = entry;
+    std::swap(*entries, sorted);
+  }
+}
+
+/// Places of the keys in their ascending order; equal keys stay in theirs.
+std::vector<std::uint32_t> SortedByKey(const std::vector<std::uint64_t>& keys) {
+  const VoxelBox box(keys);
+  std::vector<std::uint32_t> order(keys.size());
+  if (box.num_voxels() > std::numeric_limits<std::uint32_t>::max()) {
+    for (std::size_t i = 0; i < order.size(); ++i) order[i] = static_cast<std::uint32_t>(i);
+    tbb::parallel_sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
+      return keys[a] != keys[b] ? keys[a] < keys[b] : a < b;
+    });
+    return order;
+  }
+  std::vector<std::uint64_t> entries(keys.size());
+  for (std::size_t i = 0; i < keys.size(); ++i) entries[i] = box.Number(keys[i]) << 32 | i;
+  SortByUpperHalf(box.num_voxels(), &entries);
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    order[i] = static_cast<std::uint32_t>(entries[i] & 0xffffffffU);
+  }
+  return order;
 }
 
 }  // namespace
@@ -80,22 +151,20 @@ int VoxelGroups::Find(std::uint64_t key) const {
 VoxelGroups GroupByVoxel(const std::vector<LidarReturn>& points, const std::vector<int>& indices,
                          double voxel_size_m) {
   const float inverse_edge = static_cast<float>(1.0 / voxel_size_m);
-  std::vector<std::pair<std::uint64_t, int>> keyed(indices.size());
+  std::vector<std::uint64_t> keys(indices.size());
   tbb::parallel_for(std::size_t{0}, indices.size(), [&](std::size_t i) {
-    keyed[i] = {VoxelKey(points[indices[i]].position_m, inverse_edge), indices[i]};
+    keys[i] = VoxelKey(points[indices[i]].position_m, inverse_edge);
   });
-  // Key and index together are unique: an unstable sort has one result.
-  tbb::parallel_sort(keyed.begin(), keyed.end());
   VoxelGroups groups;
-  groups.order.resize(keyed.size());
-  for (std::size_t i = 0; i < keyed.size(); ++i) {
-    if (i == 0 || keyed[i].first != keyed[i - 1].first) {
-      groups.keys.push_back(keyed[i].first);
-      groups.begin.push_back(static_cast<int>(i));
+  groups.order.reserve(keys.size());
+  for (const std::uint32_t i : SortedByKey(keys)) {
+    if (groups.keys.empty() || keys[i] != groups.keys.back()) {
+      groups.keys.push_back(keys[i]);
+      groups.begin.push_back(static_cast<int>(groups.order.size()));
     }
-    groups.order[i] = keyed[i].second;
+    groups.order.push_back(indices[i]);
   }
-  groups.begin.push_back(static_cast<int>(keyed.size()));
+  groups.begin.push_back(static_cast<int>(keys.size()));
   return groups;
 }
 

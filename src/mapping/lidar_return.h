@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "scenecalib/base/floor.h"
 #include "scenecalib/mapping/surface_builder.h"
 
 namespace scenecalib {
@@ -27,13 +28,12 @@ enum class PointLabel : std::uint8_t { kStructure, kGround, kMoving };
 /// A voxel index packed into 21 bits per axis (a million voxels to each side of the origin), in an
 /// order that does not depend on how the points came.
 inline std::uint64_t VoxelKey(const Eigen::Vector3f& position_m, float inverse_edge) {
-  const Eigen::Array3f index = (position_m * inverse_edge).array().floor();
   constexpr std::int64_t kHalf = 1 << 20;
   constexpr std::uint64_t kMask = (1 << 21) - 1;
   std::uint64_t key = 0;
   for (int axis = 0; axis < 3; ++axis) {
-    key = (key << 21) |
-          (static_cast<std::uint64_t>(static_cast<std::int64_t>(index[axis]) + kHalf) & kMask);
+    const std::int64_t index = Floor(position_m[axis] * inverse_edge);
+    key = (key << 21) | (static_cast<std::uint64_t>(index + kHalf) & kMask);
   }
   return key;
 }
@@ -49,7 +49,7 @@ inline std::uint64_t NeighborVoxelKey(std::uint64_t key, int dx, int dy, int dz)
 struct VoxelGroups {
   std::vector<std::uint64_t> keys;  ///< ascending
   std::vector<int> begin;           ///< one more than keys
-  std::vector<int> order;           ///< point indices; ascending within a voxel
+  std::vector<int> order;           ///< point indices; within a voxel as they were listed
 
   int size() const { return static_cast<int>(keys.size()); }
   /// Index of the voxel with that key, or -1.

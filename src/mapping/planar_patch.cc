@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "scenecalib/base/floor.h"
+
 namespace scenecalib {
 namespace {
 
@@ -79,8 +81,8 @@ PlanarPatch::PlanarPatch(const PlaneFit& plane, const std::vector<Eigen::Vector3
 }
 
 int PlanarPatch::CellOf(const Eigen::Vector2f& in_plane_m) const {
-  const int x = static_cast<int>(std::floor(in_plane_m.x() / cell_m_)) + width_ / 2;
-  const int y = static_cast<int>(std::floor(in_plane_m.y() / cell_m_)) + width_ / 2;
+  const int x = static_cast<int>(Floor(in_plane_m.x() / cell_m_)) + width_ / 2;
+  const int y = static_cast<int>(Floor(in_plane_m.y() / cell_m_)) + width_ / 2;
   if (x < 0 || y < 0 || x >= width_ || y >= width_) return -1;
   return y * width_ + x;
 }

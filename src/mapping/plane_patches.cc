@@ -11,6 +11,7 @@
 #include <cstdint>
 #include <tuple>
 
+#include "scenecalib/base/floor.h"
 #include "scenecalib/mapping/voxel_plane_map.h"
 
 namespace scenecalib {
@@ -67,8 +68,8 @@ class CellTable {
   /// The entry in `cells`, a new one at its end if need be.
   CellSum& At(std::uint64_t cell, std::int32_t bin, std::int32_t laser,
               std::vector<CellSum>* cells) {
-    const std::uint64_t time_and_laser = static_cast<std::uint64_t>(bin) << 16 ^
-                                         static_cast<std::uint64_t>(laser);
+    const std::uint64_t time_and_laser =
+        static_cast<std::uint64_t>(bin) << 16 ^ static_cast<std::uint64_t>(laser);
     std::uint64_t hash = (cell + time_and_laser * 0xbf58476d1ce4e5b9ULL) * 0x9e3779b97f4a7c15ULL;
     hash ^= hash >> 32;
     for (std::size_t slot = hash & (slots_.size() - 1);; slot = (slot + 1) & (slots_.size() - 1)) {
@@ -145,13 +146,12 @@ std::vector<CellSum> SumCells(const PackedScan& scan, const Placement& placement
     std::uint64_t cell = 0;
     Eigen::Vector3f offset;
     for (int axis = 0; axis < 3; ++axis) {
-      const auto index =
-          static_cast<std::int64_t>(std::floor(in_map[axis] / options.finest_patch_m));
+      const std::int64_t index = Floor(in_map[axis] / options.finest_patch_m);
       cell |= SpreadBits(static_cast<std::uint64_t>(index + kCellOffset)) << axis;
       offset[axis] = static_cast<float>(in_map[axis] - (static_cast<double>(index) + 0.5) *
                                                            options.finest_patch_m);
     }
-    const auto bin = static_cast<std::int32_t>(std::floor(seconds / options.time_bin_s));
+    const auto bin = static_cast<std::int32_t>(Floor(seconds / options.time_bin_s));
     cell_table.At(cell, bin, lasers.first, &cells)
         .Add(offset, static_cast<float>(seconds - bin * options.time_bin_s),
              static_cast<float>(lasers.share_of_next));

@@ -309,27 +309,70 @@ Eigen::Vector3f CornerOf(const Eigen::Vector3f& point_m, float edge_m) {
   return ((point_m * (1.0F / edge_m)).array().floor() * edge_m).matrix();
 }
 
-/// The points of a voxel and of its margin, from the voxel and its 26 neighbours.
-std::vector<LocalPoint> Gather(const std::vector<LidarReturn>& points, const VoxelGroups& voxels,
-                               int v, const Eigen::Vector3f& corner_m, float edge_m,
-                               float margin_m) {
-  std::vector<LocalPoint> local;
-  for (int dx = -1; dx <= 1; ++dx) {
-    for (int dy = -1; dy <= 1; ++dy) {
-      for (int dz = -1; dz <= 1; ++dz) {
-        const int neighbor = voxels.Find(NeighborVoxelKey(voxels.keys[v], dx, dy, dz));
-        if (neighbor < 0) continue;
-        for (int k = voxels.begin[neighbor]; k < voxels.begin[neighbor + 1]; ++k) {
-          const Eigen::Vector3f& position_m = points[voxels.order[k]].position_m;
-          const Eigen::Array3f offset = (position_m - corner_m).array();
-          if ((offset < -margin_m).any() || (offset >= edge_m + margin_m).any()) continue;
-          local.push_back({position_m, voxels.order[k]});
+/// Voxels' points with those of their margins.
+class VoxelMargins {
+ public:
+  VoxelMargins(const std::vector<LidarReturn>& points, const VoxelGroups& voxels, float edge_m,
+               float margin_m)
+      : points_(points), voxels_(voxels), edge_m_(edge_m), margin_m_(margin_m) {
+    // By a little more than the margin: corners are rounded.
+    const float inner_m = 1.01F * margin_m + 1e-3F;
+    for (int v = 0; v < voxels.size(); ++v) {
+      border_begin_.push_back(border_.size());
+      const Eigen::Vector3f corner_m = Corner(v);
+      for (int k = voxels.begin[v]; k < voxels.begin[v + 1]; ++k) {
+        const Eigen::Vector3f& position_m = points[voxels.order[k]].position_m;
+        const Eigen::Array3f offset = (position_m - corner_m).array();
+        if ((offset > inner_m).all() && (offset < edge_m - inner_m).all()) continue;
+        border_.push_back({position_m, voxels.order[k]});
+      }
+    }
+    border_begin_.push_back(border_.size());
+  }
+
+  /// The lowest corner of a voxel.
+  Eigen::Vector3f Corner(int v) const {
+    return CornerOf(points_[voxels_.order[voxels_.begin[v]]].position_m, edge_m_);
+  }
+
+  /// From the voxel and its 26 neighbours.
+  std::vector<LocalPoint> Gather(int v) const {
+    const Eigen::Vector3f corner_m = Corner(v);
+    std::vector<LocalPoint> local;
+    const auto add = [&](const LocalPoint& point) {
+      const Eigen::Array3f offset = (point.position_m - corner_m).array();
+      if ((offset < -margin_m_).any() || (offset >= edge_m_ + margin_m_).any()) return;
+      local.push_back(point);
+    };
+    for (int dx = -1; dx <= 1; ++dx) {
+      for (int dy = -1; dy <= 1; ++dy) {
+        for (int dz = -1; dz <= 1; ++dz) {
+          if (dx == 0 && dy == 0 && dz == 0) {
+            for (int k = voxels_.begin[v]; k < voxels_.begin[v + 1]; ++k) {
+              add({points_[voxels_.order[k]].position_m, voxels_.order[k]});
+            }
+            continue;
+          }
+          const int neighbor = voxels_.Find(NeighborVoxelKey(voxels_.keys[v], dx, dy, dz));
+          if (neighbor < 0) continue;
+          for (std::size_t k = border_begin_[neighbor]; k < border_begin_[neighbor + 1]; ++k) {
+            add(border_[k]);
+          }
         }
       }
     }
+    return local;
   }
-  return local;
-}
+
+ private:
+  const std::vector<LidarReturn>& points_;
+  const VoxelGroups& voxels_;
+  const float edge_m_;
+  const float margin_m_;
+  /// Points so near to a face of their voxel that a neighbour's margin may hold them, by voxel.
+  std::vector<LocalPoint> border_;
+  std::vector<std::size_t> border_begin_;
+};
 
 /// Of the entries that are not negative.
 double QuantileOfKnown(std::vector<float> values, double share, double none) {
@@ -347,13 +390,12 @@ SurfaceNoise EstimateSurfaceNoise(const std::vector<LidarReturn>& points, const 
                                   const SurfelOptions& options) {
   std::vector<float> across_m(voxels.size(), -1.0F);
   std::vector<float> along_ray_m(voxels.size(), -1.0F);
+  // With a margin, and a wide gate: neither must cut the noise that is to be measured.
+  const VoxelMargins margins(points, voxels, kNoiseVoxel_m,
+                             static_cast<float>(options.max_noise_m));
   tbb::parallel_for(0, voxels.size(), [&](int v) {
     if (voxels.begin[v + 1] - voxels.begin[v] < kNoisePoints) return;
-    // With a margin, and a wide gate: neither must cut the noise that is to be measured.
-    const Eigen::Vector3f corner_m =
-        CornerOf(points[voxels.order[voxels.begin[v]]].position_m, kNoiseVoxel_m);
-    const std::vector<LocalPoint> local =
-        Gather(points, voxels, v, corner_m, kNoiseVoxel_m, static_cast<float>(options.max_noise_m));
+    const std::vector<LocalPoint> local = margins.Gather(v);
     std::vector<Eigen::Vector3f> positions;
     for (const LocalPoint& point : local) positions.push_back(point.position_m);
     const auto plane = FitPlane(positions, static_cast<float>(options.max_noise_m),
@@ -388,12 +430,11 @@ std::vector<Surfel> FitSurfels(const std::vector<LidarReturn>& points,
   const float margin_m = kMarginSigmas * static_cast<float>(noise.across_m);
   const VoxelGroups voxels = GroupByVoxel(points, structure, options.coarsest_voxel_m);
   const auto edge_m = static_cast<float>(options.coarsest_voxel_m);
+  const VoxelMargins margins(points, voxels, edge_m, margin_m);
   std::vector<std::vector<Surfel>> of_voxel(voxels.size());
   tbb::parallel_for(0, voxels.size(), [&](int v) {
-    const Eigen::Vector3f corner_m =
-        CornerOf(points[voxels.order[voxels.begin[v]]].position_m, edge_m);
     VoxelFitter fitter(points, stamps_ns, options, noise, Random(voxels.keys[v]));
-    fitter.Fit(Gather(points, voxels, v, corner_m, edge_m, margin_m), corner_m, edge_m, 0);
+    fitter.Fit(margins.Gather(v), margins.Corner(v), edge_m, 0);
     of_voxel[v] = std::move(fitter.surfels);
   });
   std::vector<Surfel> surfels;

@@ -4,6 +4,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <utility>
 
 #include "patch_sampling.h"
@@ -52,6 +53,23 @@ double BlurPx(int index) {
   return kReadingSigmaPx * std::sqrt(std::pow(kBlurRatio, 2 * index) - 1.0);
 }
 
+/// Weights of a patch's pixels, row by row, padded: less towards its rim, one in sum.
+const Eigen::VectorXf& WindowOf(int radius_px) {
+  thread_local std::map<int, Eigen::VectorXf> windows;  // there are few sizes
+  Eigen::VectorXf& window = windows[radius_px];
+  if (window.size() > 0) return window;
+  const int edge = 2 * radius_px + 1;
+  Eigen::VectorXf profile(edge);
+  for (int x = -radius_px; x <= radius_px; ++x) {
+    const float u = static_cast<float>(x) * (1.0F / static_cast<float>(radius_px));
+    profile[x + radius_px] = std::exp(-1.2F * u * u);
+  }
+  window = Eigen::VectorXf::Zero(PaddedCount(edge * edge));
+  for (int y = 0; y < edge; ++y) window.segment(y * edge, edge) = profile[y] * profile;
+  window /= window.sum();
+  return window;
+}
+
 /// The rows of the pixels that take part in coarse steps.
 Eigen::MatrixXf Thinned(const Eigen::MatrixXf& by_pixel, int edge) {
   const int coarse_edge = (edge + kCoarseStride - 1) / kCoarseStride;
@@ -88,16 +106,11 @@ std::optional<PatchTemplate> PatchTemplate::Create(const cv::Mat& image,
   const int n = num_motion + 2;
   patch.num_parameters_ = n;
   patch.design_ = Eigen::MatrixXf::Zero(PaddedCount(num_pixels), n);
-  Eigen::VectorXf weights = Eigen::VectorXf::Zero(patch.design_.rows());
+  const Eigen::VectorXf& weights = WindowOf(radius_px);
 
   // The offsets of the affine columns are scaled by the radius so that the normal matrix is well
   // conditioned in single precision; Register undoes it.
   const float inverse_radius = 1.0F / static_cast<float>(radius_px);
-  Eigen::VectorXf profile(edge);  // the window is separable
-  for (int x = -radius_px; x <= radius_px; ++x) {
-    const float u = static_cast<float>(x) * inverse_radius;
-    profile[x + radius_px] = std::exp(-1.2F * u * u);
-  }
   PixelGrid grid = reading == PatchReading::kSmooth
                        ? ReadGridSmoothed(image, center_px, radius_px + margin)
                        : ReadGridBilinear(image, center_px, radius_px);
@@ -110,17 +123,14 @@ std::optional<PatchTemplate> PatchTemplate::Create(const cv::Mat& image,
   const Eigen::VectorXf offset =
       inverse_radius * Eigen::VectorXf::LinSpaced(edge, static_cast<float>(-radius_px),
                                                   static_cast<float>(radius_px));
-  for (int y = 0; y < edge; ++y) {
+  for (int y = 0; y < edge && freedom == WarpFreedom::kAffine; ++y) {
     const int first = y * edge;
-    weights.segment(first, edge) = profile[y] * profile;
-    if (freedom != WarpFreedom::kAffine) continue;
     for (int axis = 0; axis < 2; ++axis) {
       const auto gradient = patch.design_.col(axis).segment(first, edge);
       patch.design_.col(2 + 2 * axis).segment(first, edge) = gradient.cwiseProduct(offset);
       patch.design_.col(3 + 2 * axis).segment(first, edge) = gradient * offset[y];
     }
   }
-  weights /= weights.sum();
   patch.design_.col(num_motion).head(num_pixels).array() -=
       weights.dot(patch.design_.col(num_motion));
   patch.variance_ = weights.dot(patch.design_.col(num_motion).cwiseAbs2());
