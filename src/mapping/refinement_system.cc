@@ -165,20 +165,16 @@ void RefinementSystem::AddPrior(int unknown, double residual, double weight) {
   band_.gradient[unknown] += weight * residual;
 }
 
-void RefinementSystem::AddLaserPriors(const LaserCorrection& lasers) {
-  // What all points would say of a laser if poses and planes were known, and the share of it that
-  // a step is held back by: what the data tell clearly comes out in two rounds, while bumps of the
-  // ground, which every scan sees alike, would pass for lasers' errors that bend the drive
-  // (docs/math.md).
-  constexpr double kShareOfInformation = 0.5;
+void RefinementSystem::AddLaserPriors(const LaserCorrection& lasers, double share_of_information) {
   // Means over all points: the sensor's frame is about its lasers' mean, and a turn about its axis
   // is no error.
   const LaserCorrection::Errors mean_sigma(1e-4, 1e-6, 1e-6);  // m, rad, rad
   const auto& nodes = lasers.nodes();
   Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
   for (const auto& node : band_.lasers) information += node[0];
+  // What all points would say of a laser if poses and planes were known.
   const Eigen::Vector3d weight =
-      kShareOfInformation / static_cast<double>(nodes.size()) * information.diagonal();
+      share_of_information / static_cast<double>(nodes.size()) * information.diagonal();
   LaserCorrection::Errors mean = LaserCorrection::Errors::Zero();
   for (const LaserCorrection::Node& node : nodes) mean += node.share * node.errors;
   for (int axis = 0; axis < 3; ++axis) {

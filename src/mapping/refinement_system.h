@@ -45,8 +45,9 @@ class RefinementSystem {
   /// weight / 2 (x + residual)^2 of one unknown.
   void AddPrior(int unknown, double residual, double weight);
 
-  /// Holds back steps of the lasers' errors that the data say little of, and keeps their mean.
-  void AddLaserPriors(const LaserCorrection& lasers);
+  /// Holds back steps of the lasers' errors that the data say little of, by that share of what they
+  /// say of a laser on average, and keeps their mean.
+  void AddLaserPriors(const LaserCorrection& lasers, double share_of_information);
 
   int num_unknowns() const { return laser_offset() + num_laser_unknowns_; }
   int global_offset() const { return kPose * num_controls_; }

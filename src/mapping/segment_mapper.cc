@@ -59,6 +59,17 @@ std::string DescribeOpenDirection(const BufferedScans& scans) {
   return text.str();
 }
 
+std::vector<const PackedScan*> PackedScans(const BufferedScans& scans) {
+  std::vector<const PackedScan*> packed;
+  for (const auto& scan : scans) packed.push_back(&scan->scan);
+  return packed;
+}
+
+void Report(const LaserCorrection& lasers, MappingReport* report) {
+  report->laser_range_m = lasers.RootMeanSquare()[0];
+  report->laser_elevation_rad = lasers.RootMeanSquare()[1];
+}
+
 }  // namespace
 
 struct SegmentMapper::Impl {
@@ -67,12 +78,13 @@ struct SegmentMapper::Impl {
 
   Result<RefinementResult> Refine(const BufferedScans& used, const PoseSpline& initial,
                                   const ProgressCallback& progress) const {
-    std::vector<const PackedScan*> packed;
-    for (const auto& scan : used) packed.push_back(&scan->scan);
     RefinementOptions refinement = options.refinement;
-    // Where points are moved to one time their elevations are no laser's.
-    if (rig.lidar.motion_compensated) refinement.estimate_lasers = false;
-    return RefineTrajectory(initial, packed, prior, refinement, progress);
+    refinement.estimate_lasers = EstimatesLasers();
+    return RefineTrajectory(initial, PackedScans(used), prior, refinement, progress);
+  }
+  /// Where points are moved to one time their elevations are no laser's.
+  bool EstimatesLasers() const {
+    return options.refinement.estimate_lasers && !rig.lidar.motion_compensated;
   }
   void ForgetOldest();
   void AddWarnings(const BufferedScans& used, MappingReport* report) const;
@@ -222,6 +234,8 @@ Result<MappingResult> SegmentMapper::Impl::Build(const BufferedScans& used, Traj
   result.map.ground = std::move(surfaces->ground);
   result.map.surfels = std::move(surfaces->surfels);
   result.map.points = std::move(surfaces->points);
+  const LaserCorrection::Errors sigma = lasers.MeanSigma();
+  result.map.lidar_frame = {sigma[0], sigma[1]};
   result.report = std::move(report);
   return result;
 }
@@ -259,8 +273,7 @@ Result<MappingResult> SegmentMapper::BuildMap(const ProgressCallback& progress) 
     spline = refined->map_from_lidar;
     relative_motion = refined->relative_motion;
     lasers = refined->lasers;
-    report.laser_range_m = lasers.RootMeanSquare()[0];
-    report.laser_elevation_rad = lasers.RootMeanSquare()[1];
+    Report(lasers, &report);
     if (refined->degenerate_share > 0.0) {
       report.warnings.push_back(DescribeDegenerate(*refined));
     }
@@ -271,11 +284,7 @@ Result<MappingResult> SegmentMapper::BuildMap(const ProgressCallback& progress) 
   auto trajectory = Trajectory::Create(LeveledPoses(spline, gravity));
   if (!trajectory.ok()) return trajectory.status();
   auto result = impl.Build(used, std::move(*trajectory), lasers, std::move(report), progress);
-  if (result.ok()) {
-    result->map.relative_motion = std::move(relative_motion);
-    const LaserCorrection::Errors sigma = lasers.MeanSigma();
-    result->map.lidar_frame = {sigma[0], sigma[1]};
-  }
+  if (result.ok()) result->map.relative_motion = std::move(relative_motion);
   return result;
 }
 
@@ -296,7 +305,17 @@ Result<MappingResult> SegmentMapper::BuildMapWithTrajectory(
   MappingReport report;
   report.num_scans_in = impl.num_scans_in;
   report.num_scans_dropped_at_bound = impl.num_scans_dropped;
-  return impl.Build(used, map_from_lidar, {}, std::move(report), progress);
+  LaserCorrection lasers;
+  if (impl.options.refinement.enabled && impl.EstimatesLasers()) {
+    auto estimated = EstimateLasers(map_from_lidar, PackedScans(used), impl.options.refinement);
+    if (estimated.ok()) {
+      lasers = std::move(*estimated);
+      Report(lasers, &report);
+    } else {
+      report.warnings.push_back("lidar: lasers are not corrected; " + estimated.status().message());
+    }
+  }
+  return impl.Build(used, map_from_lidar, lasers, std::move(report), progress);
 }
 
 }  // namespace scenecalib

@@ -101,7 +101,10 @@ RefinementSystem Linearise(const PoseSpline& spline, const std::vector<PlanePatc
   const DegenerateDirections degenerate =
       motion.odometry.empty() ? DegenerateDirections() : FindDegenerate(spline, patches);
   system.AddPatches(spline, patches, use, degenerate);
-  if (lasers != nullptr) system.AddLaserPriors(*lasers);
+  // What the data tell clearly comes out in two rounds, while bumps of the ground, which every scan
+  // sees alike, would pass for lasers' errors that bend the drive (docs/math.md).
+  constexpr double kHeldBack = 0.5;
+  if (lasers != nullptr) system.AddLaserPriors(*lasers, kHeldBack);
   motion.inertial.AddTo(spline, subset, &system);
   motion.odometry.AddTo(spline, subset, &system);
   AddSmoothness(spline, options, &system);
@@ -161,23 +164,29 @@ struct Problem {
 
 /// Planar patches as the trajectory places the points. The first rounds only have to come close:
 /// there a share of the points is enough.
-Result<std::vector<PlanePatch>> Associate(const Problem& problem, const PoseSpline& spline,
+Result<std::vector<PlanePatch>> Associate(const Problem& problem, const PoseTable& map_from_lidar,
                                           const LaserCorrection& lasers, bool by_laser,
                                           bool all_points) {
   constexpr int kMinPatches = 50;
   constexpr int kShare = 4;
-  constexpr double kPlacementStepS = 0.005;
-  const auto trajectory = Trajectory::Create(spline.Sample(kPlacementStepS));
-  if (!trajectory.ok()) return trajectory.status();
   RefinementOptions options = problem.options;
   if (!all_points) options.max_points = options.max_points / kShare;
-  auto patches = FindPlanePatches(problem.scans, lasers, by_laser, PoseTable(*trajectory), options);
+  auto patches = FindPlanePatches(problem.scans, lasers, by_laser, map_from_lidar, options);
   if (patches.size() < kMinPatches) {
     return Status::InsufficientData("lidar: only " + std::to_string(patches.size()) +
                                     " planar patches in the scene, at least " +
                                     std::to_string(kMinPatches) + " are needed");
   }
   return patches;
+}
+
+Result<std::vector<PlanePatch>> Associate(const Problem& problem, const PoseSpline& spline,
+                                          const LaserCorrection& lasers, bool by_laser,
+                                          bool all_points) {
+  constexpr double kPlacementStepS = 0.005;
+  const auto trajectory = Trajectory::Create(spline.Sample(kPlacementStepS));
+  if (!trajectory.ok()) return trajectory.status();
+  return Associate(problem, PoseTable(*trajectory), lasers, by_laser, all_points);
 }
 
 /// Median thickness at the finest scale only: how far coarse patches are split depends on the
@@ -335,6 +344,35 @@ Result<RefinementResult> RefineTrajectory(const PoseSpline& initial,
   motion.odometry.Report(&result);
   result.thickness_after_m = MeasureThickness(problem, spline, lasers);
   return result;
+}
+
+Result<LaserCorrection> EstimateLasers(const Trajectory& map_from_lidar,
+                                       const std::vector<const PackedScan*>& scans,
+                                       const RefinementOptions& options) {
+  // Weights are robust, against errors of the lasers too: these come out in several rounds.
+  constexpr int kNumRounds = 8;
+  constexpr double kHeldBack = 0.05;   // there is no drive that could bend
+  constexpr double kHeldSigma = 1e-6;  // m, rad, and of what only measured motion says
+  const Problem problem{scans, options};
+  const PoseTable table(map_from_lidar);
+  // Where points lie is the trajectory's own matter; the spline only says how planes move with it.
+  const PoseSpline spline(map_from_lidar, options.knot_interval_s);
+  LaserCorrection lasers(scans);
+  for (int round = 0; round < kNumRounds && !lasers.empty(); ++round) {
+    const auto patches = Associate(problem, table, lasers, true, false);
+    if (!patches.ok()) return patches.status();
+    RefinementSystem system(static_cast<int>(spline.controls().size()),
+                            3 * static_cast<int>(lasers.num_nodes()));
+    system.AddPatches(spline, *patches, std::vector<bool>(patches->size(), true), {});
+    system.AddLaserPriors(lasers, kHeldBack);
+    for (int i = 0; i < system.laser_offset(); ++i) {
+      system.AddPrior(i, 0.0, 1.0 / (kHeldSigma * kHeldSigma));
+    }
+    const auto solution = system.Solve(options.max_solver_iterations, CloseTolerance(options));
+    if (!solution.ok) return Status::NumericalFailure("the lasers' normal equations failed");
+    lasers.Add(solution.step.tail(3 * static_cast<Eigen::Index>(lasers.num_nodes())));
+  }
+  return lasers;
 }
 
 }  // namespace scenecalib

@@ -24,6 +24,12 @@ PoseSpline Perturbed(const SyntheticDrive& drive) {
   return PoseSpline(*Trajectory::Create(std::move(poses)), 0.05);
 }
 
+std::vector<const PackedScan*> PointersTo(const std::vector<PackedScan>& scans) {
+  std::vector<const PackedScan*> pointers;
+  for (const PackedScan& scan : scans) pointers.push_back(&scan);
+  return pointers;
+}
+
 struct Fixture {
   SyntheticDrive drive;
   std::vector<LidarScan> scans;
@@ -38,12 +44,18 @@ struct Fixture {
     prior = MotionPrior(rig);
     for (const ImuSample& s : drive.Imu(kDurationS, imu_rate_hz, 2)) prior.AddImu(s);
   }
-  Result<RefinementResult> Refine(const ProgressCallback& progress = {}) const {
+  std::vector<PackedScan> Packed() const {
     std::vector<PackedScan> packed;
     for (const LidarScan& scan : scans) packed.emplace_back(scan, 1.0, 60.0);
-    std::vector<const PackedScan*> pointers;
-    for (const PackedScan& scan : packed) pointers.push_back(&scan);
-    return RefineTrajectory(Perturbed(drive), pointers, prior, options, progress);
+    return packed;
+  }
+  Result<RefinementResult> Refine(const ProgressCallback& progress = {}) const {
+    const std::vector<PackedScan> packed = Packed();
+    return RefineTrajectory(Perturbed(drive), PointersTo(packed), prior, options, progress);
+  }
+  Result<LaserCorrection> LasersOfTrueTrajectory() const {
+    const std::vector<PackedScan> packed = Packed();
+    return EstimateLasers(drive.Truth(kDurationS), PointersTo(packed), options);
   }
   Eigen::Vector2d Error(const PoseSpline& spline, double window_s) const {
     return RelativeMotionError(*Trajectory::Create(spline.Sample(0.005)), drive.Truth(kDurationS),
@@ -113,6 +125,30 @@ TEST(TrajectoryRefiner, FindsWhatLasersAreOffBy) {
   EXPECT_LT(result->thickness_after_m, 0.8 * without->thickness_after_m);
   EXPECT_LT(fixture.Error(result->map_from_lidar, 1.0)[0],
             fixture.Error(without->map_from_lidar, 1.0)[0]);
+}
+
+TEST(EstimateLasers, FindsWhatTheyAreOffByOnAKnownTrajectory) {
+  SyntheticDrive drive;
+  drive.ring_range_m = 0.02;
+  drive.ring_elevation_rad = 1e-3;
+  const auto lasers = Fixture(0.0, drive).LasersOfTrueTrajectory();
+  ASSERT_TRUE(lasers.ok()) << lasers.status().message();
+  ASSERT_EQ(lasers->num_nodes(), 24U);
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (std::size_t i = 0; i < 24; ++i) {
+    sum += (i % 2 == 0 ? 1.0 : -1.0) * lasers->nodes()[i].errors / 24.0;
+  }
+  EXPECT_NEAR(sum[0], -0.02, 0.004);
+  const auto right = Fixture(0.0).LasersOfTrueTrajectory();
+  ASSERT_TRUE(right.ok()) << right.status().message();
+  EXPECT_LT(right->RootMeanSquare()[0], 2e-3);
+  EXPECT_LT(right->RootMeanSquare()[1], 2e-4);
+}
+
+TEST(EstimateLasers, RefusesASceneWithoutPlanes) {
+  Fixture fixture(0.0);
+  fixture.scans.resize(1);
+  EXPECT_EQ(fixture.LasersOfTrueTrajectory().status().code(), Status::Code::kInsufficientData);
 }
 
 TEST(TrajectoryRefiner, FindsNothingOfLasersThatAreRight) {

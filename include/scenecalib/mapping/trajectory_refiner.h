@@ -103,4 +103,11 @@ Result<RefinementResult> RefineTrajectory(const PoseSpline& initial,
                                           const RefinementOptions& options,
                                           const ProgressCallback& progress);
 
+/// What each laser is off by where the trajectory is known: the same terms as RefineTrajectory's
+/// with the poses held. `scans` lie within the trajectory's time. Nothing is corrected where lasers
+/// do not tell apart. InsufficientData when the scene offers no planes.
+Result<LaserCorrection> EstimateLasers(const Trajectory& map_from_lidar,
+                                       const std::vector<const PackedScan*>& scans,
+                                       const RefinementOptions& options);
+
 }  // namespace scenecalib
