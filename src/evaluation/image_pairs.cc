@@ -175,6 +175,14 @@ std::optional<std::pair<Eigen::Vector2d, PixelByPose>> Place(
   return std::make_pair(*pixel, PixelByPose(by_pose.cast<float>()));
 }
 
+/// Whether a frame sees a map point on a surface: without the derivatives that Place needs, for
+/// most points lie elsewhere.
+bool SeesAtAll(const Frame& frame, const CameraModel& model,
+               const Eigen::Vector3d& point_in_map_m) {
+  const auto pixel = frame.pose.Project(model, point_in_map_m);
+  return pixel && frame.view->Sees(point_in_map_m, *pixel);
+}
+
 std::optional<Comparison> MakeComparison(const Frame& other, const Frame& frame, const Rig& rig,
                                          const MiscalibrationOptions& options) {
   const CameraModel& model = *rig.cameras[frame.camera].model;
@@ -185,9 +193,9 @@ std::optional<Comparison> MakeComparison(const Frame& other, const Frame& frame,
   std::vector<std::pair<Eigen::Vector2d, PixelByPose>> here;
   std::vector<std::pair<Eigen::Vector2d, PixelByPose>> there;
   for (const SurfaceView::Cell& cell : frame.view->cells()) {
-    if (!cell.inside) continue;
+    if (!cell.inside || !SeesAtAll(other, other_model, cell.point_in_map_m)) continue;
     const auto other_place = Place(other, other_model, ranges, cell.point_in_map_m);
-    if (!other_place || !other.view->Sees(cell.point_in_map_m, other_place->first)) continue;
+    if (!other_place) continue;
     const auto place = Place(frame, model, ranges, cell.point_in_map_m);
     if (!place) continue;
     here.push_back(*place);

@@ -65,6 +65,16 @@ std::vector<const PackedScan*> PackedScans(const BufferedScans& scans) {
   return packed;
 }
 
+/// The part of a trajectory between two times that it covers.
+Result<Trajectory> Clipped(const Trajectory& trajectory, Timestamp start_ns, Timestamp end_ns) {
+  std::vector<TimedPose> poses = {{start_ns, *trajectory.Interpolate(start_ns)}};
+  for (const TimedPose& pose : trajectory.poses()) {
+    if (pose.stamp_ns > start_ns && pose.stamp_ns < end_ns) poses.push_back(pose);
+  }
+  poses.push_back({end_ns, *trajectory.Interpolate(end_ns)});
+  return Trajectory::Create(std::move(poses));
+}
+
 void Report(const LaserCorrection& lasers, MappingReport* report) {
   report->laser_range_m = lasers.RootMeanSquare()[0];
   report->laser_elevation_rad = lasers.RootMeanSquare()[1];
@@ -306,16 +316,32 @@ Result<MappingResult> SegmentMapper::BuildMapWithTrajectory(
   report.num_scans_in = impl.num_scans_in;
   report.num_scans_dropped_at_bound = impl.num_scans_dropped;
   LaserCorrection lasers;
-  if (impl.options.refinement.enabled && impl.EstimatesLasers()) {
-    auto estimated = EstimateLasers(map_from_lidar, PackedScans(used), impl.options.refinement);
-    if (estimated.ok()) {
-      lasers = std::move(*estimated);
-      Report(lasers, &report);
-    } else {
-      report.warnings.push_back("lidar: lasers are not corrected; " + estimated.status().message());
+  std::vector<RelativeMotionSigma> relative_motion;
+  if (impl.options.refinement.enabled) {
+    // How far the lidar would move it is what it is off by, and what the lidar itself is.
+    const auto during_scans = Clipped(map_from_lidar, used.front()->registration.first_point_ns,
+                                      used.back()->registration.last_point_ns);
+    if (!during_scans.ok()) return during_scans.status();
+    const auto refined = impl.Refine(
+        used, PoseSpline(*during_scans, impl.options.refinement.knot_interval_s), progress);
+    if (refined.status().code() == Status::Code::kCancelled) return refined.status();
+    if (refined.ok()) {
+      relative_motion = RelativeMotionDifference(map_from_lidar, refined->map_from_lidar);
+    }
+    if (impl.EstimatesLasers()) {
+      auto estimated = EstimateLasers(map_from_lidar, PackedScans(used), impl.options.refinement);
+      if (estimated.ok()) {
+        lasers = std::move(*estimated);
+        Report(lasers, &report);
+      } else {
+        report.warnings.push_back("lidar: lasers are not corrected; " +
+                                  estimated.status().message());
+      }
     }
   }
-  return impl.Build(used, map_from_lidar, lasers, std::move(report), progress);
+  auto result = impl.Build(used, map_from_lidar, lasers, std::move(report), progress);
+  if (result.ok()) result->map.relative_motion = std::move(relative_motion);
+  return result;
 }
 
 }  // namespace scenecalib

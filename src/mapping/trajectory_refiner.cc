@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <sstream>
 #include <string>
 #include <utility>
@@ -112,32 +113,48 @@ RefinementSystem Linearise(const PoseSpline& spline, const std::vector<PlanePatc
   return system;
 }
 
+using PoseAtTime = std::function<Rigid3(double seconds)>;
+
+/// RMS over a duration of the difference between two trajectories' motions within windows of some
+/// lengths.
+std::vector<RelativeMotionSigma> RelativeMotionDifference(const PoseAtTime& a, const PoseAtTime& b,
+                                                          double duration_s) {
+  std::vector<RelativeMotionSigma> differences;
+  constexpr double kStepS = 0.02;
+  for (const double window_s : {0.1, 0.5, 1.0, 4.0}) {
+    double translation = 0.0;
+    double rotation = 0.0;
+    int count = 0;
+    for (double t = 0.0; t + window_s <= duration_s; t += kStepS, ++count) {
+      const Rigid3 motion_a = a(t).Inverse() * a(t + window_s);
+      const Rigid3 motion_b = b(t).Inverse() * b(t + window_s);
+      translation += (motion_a.Inverse() * motion_b).translation.squaredNorm();
+      const double angle = RotationAngle(motion_a.rotation, motion_b.rotation);
+      rotation += angle * angle;
+    }
+    if (count == 0) break;
+    differences.push_back({window_s, std::sqrt(translation / count), std::sqrt(rotation / count)});
+  }
+  return differences;
+}
+
+PoseAtTime PosesOf(const PoseSpline& spline) {
+  return [&spline](double seconds) { return spline.PoseAt(seconds); };
+}
+
 /// RMS relative-motion error from the difference of two trajectories, each from half of the data:
 /// the mean of the two, which is about the full solution, is off by half their difference. What
 /// both halves have in common (the sensor's own bias, shared weights) does not show. With these
 /// factors what is stated is 1.0 to 1.8 times the true error in three simulated worlds, with and
 /// without IMU.
 std::vector<RelativeMotionSigma> HalfDifference(const PoseSpline& a, const PoseSpline& b) {
-  std::vector<RelativeMotionSigma> sigmas;
-  const double duration_s = SecondsBetween(a.start_ns(), a.end_ns());
-  constexpr double kStepS = 0.02;
   constexpr double kTranslationFactor = 2.0;
   constexpr double kRotationFactor = 1.4;
-  for (const double window_s : {0.1, 0.5, 1.0, 4.0}) {
-    double translation = 0.0;
-    double rotation = 0.0;
-    int count = 0;
-    for (double t = 0.0; t + window_s <= duration_s; t += kStepS, ++count) {
-      const Rigid3 motion_a = a.PoseAt(t).Inverse() * a.PoseAt(t + window_s);
-      const Rigid3 motion_b = b.PoseAt(t).Inverse() * b.PoseAt(t + window_s);
-      const Rigid3 difference = motion_a.Inverse() * motion_b;
-      translation += 0.25 * difference.translation.squaredNorm();
-      const double angle = RotationAngle(motion_a.rotation, motion_b.rotation);
-      rotation += 0.25 * angle * angle;
-    }
-    if (count == 0) break;
-    sigmas.push_back({window_s, kTranslationFactor * std::sqrt(translation / count),
-                      kRotationFactor * std::sqrt(rotation / count)});
+  std::vector<RelativeMotionSigma> sigmas =
+      RelativeMotionDifference(PosesOf(a), PosesOf(b), SecondsBetween(a.start_ns(), a.end_ns()));
+  for (RelativeMotionSigma& sigma : sigmas) {
+    sigma.translation_m *= 0.5 * kTranslationFactor;
+    sigma.rotation_rad *= 0.5 * kRotationFactor;
   }
   return sigmas;
 }
@@ -373,6 +390,16 @@ Result<LaserCorrection> EstimateLasers(const Trajectory& map_from_lidar,
     lasers.Add(solution.step.tail(3 * static_cast<Eigen::Index>(lasers.num_nodes())));
   }
   return lasers;
+}
+
+std::vector<RelativeMotionSigma> RelativeMotionDifference(const Trajectory& map_from_lidar,
+                                                          const PoseSpline& other) {
+  const auto given = [&](double seconds) {
+    return *map_from_lidar.Interpolate(
+        std::min(AddSeconds(other.start_ns(), seconds), map_from_lidar.end_ns()));
+  };
+  return RelativeMotionDifference(given, PosesOf(other),
+                                  SecondsBetween(other.start_ns(), other.end_ns()));
 }
 
 }  // namespace scenecalib

@@ -118,6 +118,21 @@ TEST(SegmentMapper, GivesTheSameTrajectoryForAnyNumberOfThreads) {
   }
 }
 
+TEST(SegmentMapper, StatesWhatAGivenTrajectoryIsOffBy) {
+  const SyntheticDrive drive;
+  std::vector<TimedPose> poses = drive.Truth(kDurationS).poses();
+  for (TimedPose& pose : poses) {
+    const double t = SecondsBetween(poses.front().stamp_ns, pose.stamp_ns);
+    pose.map_from_lidar.translation.x() += 0.03 * std::sin(6.0 * t);
+  }
+  const auto result =
+      Feed(drive, 8, true).BuildMapWithTrajectory(*Trajectory::Create(std::move(poses)), {});
+  ASSERT_TRUE(result.ok()) << result.status().message();
+  ASSERT_GE(result->map.relative_motion.size(), 2U);
+  // Over half a second (1.5 rad to either side) 0.03 m * 2 sin(1.5) / sqrt(2).
+  EXPECT_NEAR(result->map.relative_motion[1].translation_m, 0.042, 0.01);
+}
+
 TEST(SegmentMapper, KeepsAGivenTrajectory) {
   const SyntheticDrive drive;
   const Trajectory truth = drive.Truth(kDurationS);
@@ -125,6 +140,13 @@ TEST(SegmentMapper, KeepsAGivenTrajectory) {
   const auto result = mapper.BuildMapWithTrajectory(truth, {});
   ASSERT_TRUE(result.ok()) << result.status().message();
   EXPECT_EQ(result->map.map_from_lidar.poses().size(), truth.poses().size());
+  // It is right: all that is stated is what the lidar's own would be off by.
+  ASSERT_FALSE(result->map.relative_motion.empty());
+  for (const RelativeMotionSigma& sigma : result->map.relative_motion) {
+    EXPECT_GT(sigma.translation_m, 0.0);
+    EXPECT_LT(sigma.translation_m, 3e-3) << sigma.window_s;
+    EXPECT_LT(sigma.rotation_rad, 4e-4) << sigma.window_s;
+  }
   const auto elsewhere = Trajectory::Create({{1, Rigid3()}, {2, Rigid3()}});
   EXPECT_EQ(mapper.BuildMapWithTrajectory(*elsewhere, {}).status().code(),
             Status::Code::kInsufficientData);

@@ -81,7 +81,8 @@ class SegmentMapper {
   /// The map of everything still buffered. InsufficientData without motion or with too few scans.
   Result<MappingResult> BuildMap(const ProgressCallback& progress) const;
 
-  /// Test hook and study tool: as BuildMap, with a known trajectory instead of the estimated one.
+  /// Test hook and study tool: as BuildMap, with a known trajectory instead of the estimated one,
+  /// as uncertain as the lidar's own differs from it.
   Result<MappingResult> BuildMapWithTrajectory(const Trajectory& map_from_lidar,
                                                const ProgressCallback& progress) const;
 

@@ -110,4 +110,9 @@ Result<LaserCorrection> EstimateLasers(const Trajectory& map_from_lidar,
                                        const std::vector<const PackedScan*>& scans,
                                        const RefinementOptions& options);
 
+/// RMS differences of the two trajectories' motions within 0.1, 0.5, 1 and 4 s, as far as they are
+/// long enough. `map_from_lidar` covers the other's time.
+std::vector<RelativeMotionSigma> RelativeMotionDifference(const Trajectory& map_from_lidar,
+                                                          const PoseSpline& other);
+
 }  // namespace scenecalib
