@@ -67,8 +67,7 @@ void LaserCorrection::IndexNodes() {
   constexpr int kStepsPerNode = 8;
   const std::size_t num_steps = kStepsPerNode * nodes_.size();
   const double first = nodes_.front().sine_of_elevation;
-  steps_per_sine_ =
-      static_cast<double>(num_steps) / (nodes_.back().sine_of_elevation - first);
+  steps_per_sine_ = static_cast<double>(num_steps) / (nodes_.back().sine_of_elevation - first);
   int node = 0;
   for (std::size_t step = 0; step < num_steps; ++step) {
     const double begin = first + static_cast<double>(step) / steps_per_sine_;

@@ -52,8 +52,8 @@ class Image {
       for (int column = 0; column < columns_; ++column) {
         for (int dy = -radius; dy <= radius; ++dy) {
           for (int dx = -radius; dx <= radius; ++dx) {
-            sums.At(column, row) += weights[dy + radius] * weights[dx + radius] *
-                                    At(column + dx, row + dy);
+            sums.At(column, row) +=
+                weights[dy + radius] * weights[dx + radius] * At(column + dx, row + dy);
           }
         }
       }
@@ -99,8 +99,7 @@ TEST(BandPassImages, AreDifferencesOfWeighedSumsOverTheirContrast) {
   const BandPassImage band_pass(pixels, sigma_px);
   for (int row = 0; row + 1 < kRows; ++row) {
     for (int column = 0; column + 1 < kColumns; ++column) {
-      const double expected =
-          detail.At(column, row) / std::sqrt(variance.At(column, row) + 9.0);
+      const double expected = detail.At(column, row) / std::sqrt(variance.At(column, row) + 9.0);
       EXPECT_NEAR(band_pass.At(column, row), expected, 2e-3) << column << ", " << row;
     }
   }
