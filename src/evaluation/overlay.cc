@@ -54,35 +54,6 @@ class DepthBuffer {
   std::vector<float> range_m_;
 };
 
-/// Tells most of the points that a camera does not see, in single precision and without a root.
-class CoarseView {
- public:
-  CoarseView(const Rigid3& camera_from_map, double min_cosine, const OverlayOptions& options)
-      : camera_in_map_m_(camera_from_map.Inverse().translation.cast<float>()),
-        forward_(camera_from_map.RotationMatrix().row(2).transpose().cast<float>()),
-        min_square_m2_(Square(options.min_range_m) * (1.0F - kTolerance)),
-        max_square_m2_(Square(options.max_range_m) * (1.0F + kTolerance)),
-        signed_square_cosine_(static_cast<float>(min_cosine * std::abs(min_cosine)) - kTolerance) {}
-
-  bool MaySee(const Eigen::Vector3f& point_in_map_m) const {
-    const Eigen::Vector3f to_point_m = point_in_map_m - camera_in_map_m_;
-    const float square_m2 = to_point_m.squaredNorm();
-    const float depth_m = forward_.dot(to_point_m);
-    return square_m2 >= min_square_m2_ && square_m2 <= max_square_m2_ &&
-           depth_m * std::abs(depth_m) >= signed_square_cosine_ * square_m2;
-  }
-
- private:
-  static constexpr float kTolerance = 1e-3F;
-  static float Square(double value) { return static_cast<float>(value * value); }
-
-  Eigen::Vector3f camera_in_map_m_;
-  Eigen::Vector3f forward_;
-  float min_square_m2_;
-  float max_square_m2_;
-  float signed_square_cosine_;
-};
-
 /// 1 at the nearest range drawn, 0 at the farthest.
 double Warmth(double range_m, const OverlayOptions& options) {
   const double t =
@@ -209,11 +180,9 @@ std::vector<VisiblePoint> FindVisiblePoints(const CameraModel& camera,
   const double min_cosine = std::cos(std::min(M_PI, camera.max_theta_rad() + kFieldMargin_rad));
   const Rigid3 camera_from_map = pose.map_from_camera().Inverse();
   const Eigen::Matrix3d rotation = camera_from_map.RotationMatrix();
-  const CoarseView coarse(camera_from_map, min_cosine, options);
   DepthBuffer depth(camera.width_px(), camera.height_px());
   std::vector<VisiblePoint> inside;
   for (std::size_t i = 0; i < points.size(); ++i) {
-    if (!coarse.MaySee(points[i].position_m)) continue;
     const Eigen::Vector3d point_in_map = points[i].position_m.cast<double>();
     Eigen::Vector3d point_in_camera = rotation * point_in_map + camera_from_map.translation;
     const double range_m = point_in_camera.norm();
