@@ -145,7 +145,7 @@ TEST(EstimateLasers, FindsWhatTheyAreOffByOnAKnownTrajectory) {
   EXPECT_LT(right->RootMeanSquare()[1], 2e-4);
 }
 
-TEST(EstimateLasers, RefusesASceneWithoutPlanes) {
+TEST(EstimateLasers, RefusesASingleScan) {
   Fixture fixture(0.0);
   fixture.scans.resize(1);
   EXPECT_EQ(fixture.LasersOfTrueTrajectory().status().code(), Status::Code::kInsufficientData);
