@@ -32,8 +32,11 @@ constexpr double kMaxRescueShiftPx = 10.0;
 /// Levels of the pyramid above the finest one that are searched where the motion is expected to go
 /// on.
 constexpr int kNearLevels = 1;
-/// Share of the features that may be lost there before they are looked for farther away.
+/// Share of the features that may be lost there before some of them, every so manieth, are looked for
+/// farther away, and share of these that has to be found before all are.
 constexpr double kMaxLostShare = 0.4;
+constexpr std::size_t kFarSample = 10;
+constexpr double kMinFarShare = 0.2;
 /// A live track needs no final precision.
 constexpr double kLiveConvergencePx = 0.08;
 /// Mean grey value and its deviation below which there is nothing to detect.
@@ -148,7 +151,8 @@ void LiveTracker::Follow(const GrayImage& image, const FlowPyramid& pyramid, Fra
   std::vector<char> is_extended(active_.size(), 0);
   std::vector<std::size_t> followed;
   for (std::size_t i = 0; i < active_.size(); ++i) {
-    if (active_[i].num_missed > 0) continue;
+    // What is about to leave the image need not be looked for.
+    if (active_[i].num_missed > 0 || !IsSet(domain_, predicted[i].pixel)) continue;
     followed.push_back(i);
     is_extended[i] = 1;
   }
@@ -157,8 +161,19 @@ void LiveTracker::Follow(const GrayImage& image, const FlowPyramid& pyramid, Fra
   std::vector<std::size_t> lost = Search(image, pyramid, num_levels, predicted, followed);
   if (is_near &&
       static_cast<double>(lost.size()) > kMaxLostShare * static_cast<double>(followed.size())) {
-    // They did not go where they were expected.
-    lost = Search(image, pyramid, options_.flow.pyramid_levels, predicted, lost);
+    // Perhaps they did not go where they were expected.
+    std::vector<std::size_t> sample, others;
+    for (std::size_t k = 0; k < lost.size(); ++k) {
+      (k % kFarSample == 0 ? sample : others).push_back(lost[k]);
+    }
+    const std::vector<std::size_t> lost_of_sample =
+        Search(image, pyramid, options_.flow.pyramid_levels, predicted, sample);
+    if (static_cast<double>(sample.size() - lost_of_sample.size()) >=
+        kMinFarShare * static_cast<double>(sample.size())) {
+      others = Search(image, pyramid, options_.flow.pyramid_levels, predicted, others);
+    }
+    lost = std::move(others);
+    lost.insert(lost.end(), lost_of_sample.begin(), lost_of_sample.end());
   }
   for (const std::size_t i : lost) is_extended[i] = 0;
   Learn(pyramid, is_extended);

@@ -12,6 +12,8 @@ namespace {
 constexpr std::size_t kNumSupports = 14;
 /// Cells of the features' index across the image.
 constexpr double kCellsAcross = 24.0;
+/// How far a feature may be off its epipolar line and still be taken for a part of the scene.
+constexpr double kMaxAcrossPx = 1.5;
 
 }  // namespace
 
@@ -43,15 +45,13 @@ std::optional<SceneFlow> SceneFlow::Estimate(
   double balance = 0.0;
   for (std::size_t i = 0; i < pairs.size(); ++i) {
     if (!flow.motion_.inlier[i]) continue;
-    // rotated + inverse_range * direction is parallel to the second ray.
-    const Eigen::Vector3d rotated = flow.motion_.second_from_first * pairs[i].ray_in_first;
-    const Eigen::Vector3d across = flow.motion_.direction.cross(pairs[i].ray_in_second);
     Support support;
     support.pixel = before[i];
     support.ray = pairs[i].ray_in_first;
-    support.weight = across.squaredNorm();
+    support.weight = flow.motion_.direction.cross(pairs[i].ray_in_second).squaredNorm();
     if (support.weight < 1e-4) continue;  // within half a degree of the direction of motion
-    support.inverse_range = -across.dot(rotated.cross(pairs[i].ray_in_second)) / support.weight;
+    support.inverse_range = flow.InverseRange(
+        flow.motion_.second_from_first * pairs[i].ray_in_first, pairs[i].ray_in_second);
     balance += support.weight * support.inverse_range;
     flow.supports_.push_back(support);
   }
@@ -62,6 +62,13 @@ std::optional<SceneFlow> SceneFlow::Estimate(
   }
   flow.IndexSupports();
   return flow;
+}
+
+double SceneFlow::InverseRange(const Eigen::Vector3d& rotated_ray,
+                               const Eigen::Vector3d& ray_in_second) const {
+  const Eigen::Vector3d across = motion_.direction.cross(ray_in_second);
+  // rotated + inverse_range * direction is parallel to the second ray.
+  return -across.dot(rotated_ray.cross(ray_in_second)) / std::max(across.squaredNorm(), 1e-12);
 }
 
 void SceneFlow::IndexSupports() {
@@ -159,6 +166,24 @@ std::optional<PatchWarp> SceneFlow::Predict(const Eigen::Vector2d& pixel) const 
   warp.affine = projection.pixel_by_point * point_by_pixel;
   if (!(warp.affine.determinant() > 0.05 && warp.affine.determinant() < 20.0)) return std::nullopt;
   return warp;
+}
+
+std::optional<Eigen::Vector2d> SceneFlow::Continue(const Eigen::Vector2d& before_px,
+                                                   const Eigen::Vector2d& after_px,
+                                                   double ratio) const {
+  const auto before = model_->Unproject(before_px);
+  const auto after = model_->Unproject(after_px);
+  if (!before || !after) return std::nullopt;
+  const Eigen::Vector3d rotated = motion_.second_from_first * *before;
+  const double inverse_range = InverseRange(rotated, *after);
+  if (inverse_range < 0.0) return std::nullopt;
+  const Eigen::Vector3d point = rotated + inverse_range * motion_.direction;
+  const auto seen = model_->Project(point);
+  if (!seen || (*seen - after_px).norm() > kMaxAcrossPx) return std::nullopt;
+  const Eigen::AngleAxisd turn(motion_.second_from_first);
+  return model_->Project(Eigen::AngleAxisd(ratio * turn.angle(), turn.axis()) *
+                             (point.norm() * *after) +
+                         ratio * inverse_range * motion_.direction);
 }
 
 }  // namespace scenecalib

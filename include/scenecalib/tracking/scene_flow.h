@@ -29,6 +29,12 @@ class SceneFlow {
   /// The warp of a pixel's surroundings (first order); none where it would leave the image.
   std::optional<PatchWarp> Predict(const Eigen::Vector2d& pixel) const;
 
+  /// Where a feature that this flow took from `before_px` to `after_px` goes with the step after
+  /// it, were that the same motion, `ratio` times as long. None where it did not move as the scene
+  /// does, or leaves what the camera sees.
+  std::optional<Eigen::Vector2d> Continue(const Eigen::Vector2d& before_px,
+                                          const Eigen::Vector2d& after_px, double ratio) const;
+
  private:
   struct Support {
     Eigen::Vector2d pixel;
@@ -40,6 +46,9 @@ class SceneFlow {
   SceneFlow(const CameraModel* model, RelativeMotion motion)
       : model_(model), motion_(std::move(motion)) {}
 
+  /// Of a point whose rays these are, the first one rotated into the second camera's frame.
+  double InverseRange(const Eigen::Vector3d& rotated_ray,
+                      const Eigen::Vector3d& ray_in_second) const;
   void IndexSupports();
   void GatherNearest(const Eigen::Vector2d& pixel,
                      std::vector<std::pair<double, std::size_t>>* nearest) const;

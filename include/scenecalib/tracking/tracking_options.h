@@ -35,7 +35,7 @@ struct DetectionOptions {
 /// Following a feature from one image to the next, before it is registered precisely.
 struct FlowOptions {
   int full_size_width_px = 640;
-  int window_px = 17;
+  int window_px = 11;
   int pyramid_levels = 3;
   double max_forward_backward_px = 1.5;
   double dark_mean = 45.0;
@@ -67,7 +67,7 @@ struct RegistrationOptions {
   int live_radius_px = 7;
   int radius_px = 10;
   int max_iterations = 12;
-  double convergence_px = 0.03;
+  double convergence_px = 0.06;
   double min_live_ncc = 0.75;
   double min_ncc = 0.85;
   double max_live_scale = 1.35;
