@@ -14,17 +14,17 @@ namespace scenecalib {
 
 int LiveTracker::EndOthers(const std::vector<char>& is_kept, bool forget) {
   const auto min_observations = static_cast<std::size_t>(options_.verification.min_observations);
-  std::vector<ActiveTrack> kept;
-  kept.reserve(active_.size());
+  std::size_t num_kept = 0;
   for (std::size_t i = 0; i < active_.size(); ++i) {
     if (is_kept[i] != 0) {
-      kept.push_back(std::move(active_[i]));
+      if (num_kept != i) active_[num_kept] = std::move(active_[i]);
+      ++num_kept;
     } else if (!forget && active_[i].track.observations.size() >= min_observations) {
       finished_.push_back(std::move(active_[i].track));
     }
   }
-  const auto num_ended = static_cast<int>(active_.size() - kept.size());
-  active_ = std::move(kept);
+  const auto num_ended = static_cast<int>(active_.size() - num_kept);
+  active_.erase(active_.begin() + static_cast<std::ptrdiff_t>(num_kept), active_.end());
   return num_ended;
 }
 

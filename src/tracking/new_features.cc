@@ -17,7 +17,19 @@ DetectionOptions Reduced(DetectionOptions options, double scale) {
   return options;
 }
 
-/// Where the motion, were it to go on, leads out of what can be seen.
+/// Images after the one in which a feature is found that have to see it: fewer are no track.
+constexpr int kMinViewsToCome = 2;
+
+/// Whether a pixel's place stays in what can be seen, were the motion to go on.
+bool StaysInSight(Eigen::Vector2d pixel, const FeatureSurroundings& surroundings) {
+  for (int i = 0; i < kMinViewsToCome; ++i) {
+    const auto step = surroundings.flow->Predict(pixel);
+    if (!step || !IsSet(surroundings.domain, step->center_px)) return false;
+    pixel = step->center_px;
+  }
+  return true;
+}
+
 void LeaveOutWhatIsAboutToGo(const FeatureSurroundings& surroundings, double scale, cv::Mat* mask) {
   constexpr int kCellsAcross = 24;
   const int cell_px = std::max(8, mask->cols / kCellsAcross);
@@ -28,8 +40,7 @@ void LeaveOutWhatIsAboutToGo(const FeatureSurroundings& surroundings, double sca
     const Eigen::Vector2d center =
         scale * cell_px * Eigen::Vector2d(cell % columns + 0.5, cell / columns + 0.5);
     if (!IsSet(surroundings.domain, center)) continue;
-    const auto step = surroundings.flow->Predict(center);
-    if (step && IsSet(surroundings.domain, step->center_px)) continue;
+    if (StaysInSight(center, surroundings)) continue;
     const cv::Rect area(cell % columns * cell_px, cell / columns * cell_px, cell_px, cell_px);
     (*mask)(area & whole).setTo(0);
   }
