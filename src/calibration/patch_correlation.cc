@@ -10,6 +10,7 @@ namespace {
 
 /// Pixels of the patch that are read in every position: a chessboard would do, a grid is simpler.
 constexpr int kStride = 2;
+constexpr int kLanes = 8;
 /// Half edge of the area whose centre of mass is taken.
 constexpr int kMassRadius = 2;
 
@@ -63,23 +64,29 @@ std::vector<Sample> TemplateSamples(const cv::Mat& patch, const cv::Mat& mask) {
   return samples;
 }
 
-cv::Mat1f CorrelateEverywhere(const std::vector<Sample>& samples, const cv::Mat1f& window,
+/// The window's rows are padded by kLanes pixels: so many positions next to each other are summed
+/// up side by side, because the sums of a single one would wait for each other.
+cv::Mat1f CorrelateEverywhere(const std::vector<Sample>& samples, const cv::Mat1f& padded_window,
                               int num_positions) {
   cv::Mat1f ncc(num_positions, num_positions);
   const auto count = static_cast<float>(samples.size());
   for (int v = 0; v < num_positions; ++v) {
-    for (int u = 0; u < num_positions; ++u) {
-      float sum = 0.0F;
-      float square = 0.0F;
-      float product = 0.0F;
+    for (int first = 0; first < num_positions; first += kLanes) {
+      float sum[kLanes] = {};
+      float square[kLanes] = {};
+      float product[kLanes] = {};
       for (const Sample& sample : samples) {
-        const float value = window(v + sample.y, u + sample.x);
-        sum += value;
-        square += value * value;
-        product += value * sample.value;
+        const float* values = padded_window.ptr<float>(v + sample.y) + first + sample.x;
+        for (int lane = 0; lane < kLanes; ++lane) {
+          sum[lane] += values[lane];
+          square[lane] += values[lane] * values[lane];
+          product[lane] += values[lane] * sample.value;
+        }
       }
-      const float variance = square - sum * sum / count;
-      ncc(v, u) = variance > 1e-6F ? product / std::sqrt(variance) : -1.0F;
+      for (int lane = 0; lane < std::min(kLanes, num_positions - first); ++lane) {
+        const float variance = square[lane] - sum[lane] * sum[lane] / count;
+        ncc(v, first + lane) = variance > 1e-6F ? product[lane] / std::sqrt(variance) : -1.0F;
+      }
     }
   }
   return ncc;
@@ -145,7 +152,7 @@ std::optional<CorrelationPeak> Correlate(const cv::Mat& patch, const cv::Mat& ma
   const std::vector<Sample> samples = TemplateSamples(patch, mask);
   if (samples.empty()) return std::nullopt;
   const std::array<float, 256> table = EqualisingTable(window, nullptr);
-  cv::Mat1f equalised(window.size());
+  cv::Mat1f equalised(window.rows, window.cols + kLanes, 0.0F);
   for (int y = 0; y < window.rows; ++y) {
     for (int x = 0; x < window.cols; ++x) equalised(y, x) = table[window.at<uchar>(y, x)];
   }

@@ -60,10 +60,9 @@ std::vector<FeaturePrediction> PredictFeatures(const std::vector<ActiveTrack>& a
                                        observations[n - 2].affine_from_first.inverse() *
                                        last.affine_from_first;
     }
-    const auto continued =
-        scene_flow != nullptr
-            ? scene_flow->Continue(observations[n - 2].pixel, last.pixel, ratio)
-            : std::nullopt;
+    const auto continued = scene_flow != nullptr
+                               ? scene_flow->Continue(observations[n - 2].pixel, last.pixel, ratio)
+                               : std::nullopt;
     predicted[i].pixel = continued ? *continued : last.pixel + ratio * step;
     known.emplace_back(last.pixel, predicted[i].pixel - last.pixel);
   }

@@ -32,11 +32,11 @@ constexpr double kMaxRescueShiftPx = 10.0;
 /// Levels of the pyramid above the finest one that are searched where the motion is expected to go
 /// on.
 constexpr int kNearLevels = 1;
-/// Share of the features that may be lost there before some of them, every so manieth, are looked for
-/// farther away, and share of these that has to be found before all are.
+/// Share of the features that may be lost there before some of them, every so manieth, are looked
+/// for farther away, and share of these that has to be found before all are.
 constexpr double kMaxLostShare = 0.4;
 constexpr std::size_t kFarSample = 10;
-constexpr double kMinFarShare = 0.2;
+constexpr double kMinFarShare = 0.08;
 /// A live track needs no final precision.
 constexpr double kLiveConvergencePx = 0.08;
 /// Mean grey value and its deviation below which there is nothing to detect.

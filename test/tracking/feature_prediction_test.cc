@@ -107,6 +107,32 @@ TEST(PredictFeatures, AFeatureWithoutHistoryFollowsTheSceneFlow) {
             1e-9);
 }
 
+TEST(PredictFeatures, AFollowedFeatureGoesOnAsTheSceneMoves) {
+  const CameraModelPtr model = testing::MakeFisheye(800, 600, 230.0);
+  const auto after = [&](const Eigen::Vector2d& pixel) {
+    const Eigen::Vector3d ray = *model->Unproject(pixel);
+    return *model->Project(1.5 / ray.y() * ray - Eigen::Vector3d(0.05, 0.0, 0.9));
+  };
+  std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>> followed;
+  for (int x = 150; x < 650; x += 25) {
+    for (int y = 345; y < 420; y += 10) {
+      followed.emplace_back(Eigen::Vector2d(x, y), after({x, y}));
+    }
+  }
+  const auto flow = SceneFlow::Estimate(*model, followed, 1.0, {});
+  ASSERT_TRUE(flow);
+  const Eigen::Vector2d first(430, 425);
+  const Eigen::Vector2d second = after(first);
+  const Eigen::Vector2d truth = after(second);
+  const std::vector<ActiveTrack> active = {
+      SeenAt({first, second}), SeenAt({{200.0, 200.0}, {200.0, 212.0}})};  // the other one: a bird
+  const auto predicted = PredictFeatures(active, &*flow, kTimes);
+  EXPECT_LT((predicted[0].pixel - truth).norm(), 1.0);
+  EXPECT_GT((PredictFeatures(active, nullptr, kTimes)[0].pixel - truth).norm(), 10.0);
+  EXPECT_NEAR(predicted[1].pixel.x(), 200.0, 1e-9) << "as it went before";
+  EXPECT_NEAR(predicted[1].pixel.y(), 224.0, 1e-9);
+}
+
 TEST(PredictFeatures, WhatTheLastImageDidNotShowStays) {
   ActiveTrack missed = SeenAt({{100.0, 50.0}, {105.0, 50.0}});
   missed.num_missed = 1;

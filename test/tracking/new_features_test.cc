@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "scenecalib/tracking/scene_flow.h"
 #include "tracking/synthetic_scene.h"
 
 namespace scenecalib {
@@ -76,6 +77,39 @@ TEST_F(NewFeaturesTest, KeepOffWhatIsFollowedFixedOrStraddlesAnEdge) {
     EXPECT_GE((pixel - surroundings_.avoided[0]).norm(), 58.0);
     EXPECT_GE((pixel - surroundings_.live[0]).norm(), options_.min_distance_px);
   }
+}
+
+TEST_F(NewFeaturesTest, KeepOffWhatTwoMoreImagesWillNotSee) {
+  // Ahead over a road 1.5 m below.
+  const CameraModelPtr model = testing::MakeFisheye(kWidth, kHeight, 200.0);
+  const auto after = [&](const Eigen::Vector2d& pixel) {
+    const Eigen::Vector3d ray = *model->Unproject(pixel);
+    return model->Project(1.5 / ray.y() * ray - Eigen::Vector3d(0.02, 0.0, 0.7));
+  };
+  std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>> followed;
+  for (int x = 150; x < 650; x += 25) {
+    for (int y = 230; y < 290; y += 10) {
+      const auto next = after({x, y});
+      if (next) followed.emplace_back(Eigen::Vector2d(x, y), *next);
+    }
+  }
+  const auto flow = SceneFlow::Estimate(*model, followed, 1.0, {});
+  ASSERT_TRUE(flow);
+  const auto num_doomed = [&](const std::vector<Eigen::Vector2d>& features) {
+    return std::count_if(features.begin(), features.end(), [&](const Eigen::Vector2d& pixel) {
+      const auto next = flow->Predict(pixel);
+      if (!next) return true;
+      const auto last = flow->Predict(next->center_px);
+      return !last;
+    });
+  };
+  const auto anywhere = NewFeatures(options_).Find(pyramid_, surroundings_);
+  ASSERT_GT(num_doomed(anywhere), 20);
+  surroundings_.flow = &*flow;
+  const auto features = NewFeatures(options_).Find(pyramid_, surroundings_);
+  ASSERT_GT(features.size(), 50U);
+  // Decided cell by cell.
+  EXPECT_LT(num_doomed(features), num_doomed(anywhere) / 3);
 }
 
 TEST_F(NewFeaturesTest, AreTriedLessWhereTheyWereLost) {

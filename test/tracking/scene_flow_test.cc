@@ -23,9 +23,15 @@ struct Drive {
   Rigid3 map_from_second{ExpSo3({0.01, 0.03, 0.0}), {0.05, 0.0, 0.9}};
 
   std::optional<Eigen::Vector2d> Transfer(const Eigen::Vector2d& pixel) const {
+    return Transfer(pixel, map_from_second);
+  }
+
+  /// From the first camera to another.
+  std::optional<Eigen::Vector2d> Transfer(const Eigen::Vector2d& pixel,
+                                          const Rigid3& map_from_other) const {
     const auto hit = HitPlanes(road, *model, map_from_first, pixel);
     if (!hit) return std::nullopt;
-    return model->Project(map_from_second.Inverse() * hit->point_in_map_m);
+    return model->Project(map_from_other.Inverse() * hit->point_in_map_m);
   }
 
   /// Only the distant part of the road could be followed.
@@ -68,6 +74,39 @@ TEST(SceneFlow, PredictsNothingOutOfTheImage) {
   const auto flow = SceneFlow::Estimate(*drive.model, drive.FarFeatures(0.05), 1.0, {});
   ASSERT_TRUE(flow);
   EXPECT_FALSE(flow->Predict({400, 597}));
+}
+
+TEST(SceneFlow, ContinuesAFeatureAsTheCameraMoves) {
+  const Drive drive;
+  const auto flow = SceneFlow::Estimate(*drive.model, drive.FarFeatures(0.05), 1.0, {});
+  ASSERT_TRUE(flow);
+  for (const double ratio : {1.0, 1.5}) {
+    const Rigid3 third_from_second{ExpSo3(ratio * Eigen::Vector3d(0.01, 0.03, 0.0)),
+                                   ratio * drive.map_from_second.translation};
+    const Rigid3 map_from_third = drive.map_from_second * third_from_second;
+    for (const Eigen::Vector2d& before : {Eigen::Vector2d(420, 400), Eigen::Vector2d(300, 400)}) {
+      const Eigen::Vector2d after = *drive.Transfer(before);
+      const Eigen::Vector2d truth = *drive.Transfer(before, map_from_third);
+      const auto next = flow->Continue(before, after, ratio);
+      ASSERT_TRUE(next);
+      EXPECT_LT((*next - truth).norm(), ratio == 1.0 ? 1.0 : 4.0);
+      EXPECT_GT((after + ratio * (after - before) - truth).norm(), 8.0)
+          << "repeating the step would do as well";
+    }
+  }
+}
+
+TEST(SceneFlow, DoesNotContinueWhatMovesByItself) {
+  const Drive drive;
+  const auto flow = SceneFlow::Estimate(*drive.model, drive.FarFeatures(0.05), 1.0, {});
+  ASSERT_TRUE(flow);
+  const Eigen::Vector2d before(300, 420);
+  const Eigen::Vector2d after = *drive.Transfer(before);
+  ASSERT_TRUE(flow->Continue(before, after, 1.0));
+  const Eigen::Vector2d step = after - before;
+  const Eigen::Vector2d across = Eigen::Vector2d(-step.y(), step.x()).normalized();
+  EXPECT_FALSE(flow->Continue(before, after + 6.0 * across, 1.0));
+  EXPECT_FALSE(flow->Continue(before, before - step, 1.0)) << "it would be behind the camera";
 }
 
 TEST(SceneFlow, NeedsMotionAndEnoughFeatures) {

@@ -25,7 +25,7 @@ struct TrackPlane : MapPlane {
 struct MapGuidedOptions {
   int radius_px = 10;
   int max_iterations = 12;
-  double convergence_px = 0.003;
+  double convergence_px = 0.01;
   double min_ncc = 0.85;
   double max_scale = 2.5;
   double max_shift_px = 1.0;

@@ -6,7 +6,7 @@ namespace scenecalib {
 
 /// Where new features are looked for.
 struct DetectionOptions {
-  int max_features = 1500;
+  int max_features = 1350;
   double min_distance_px = 7.5;
   double max_wide_factor = 1.5;
   int bucket_px = 64;
