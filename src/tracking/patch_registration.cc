@@ -70,11 +70,17 @@ const Eigen::VectorXf& WindowOf(int radius_px) {
   return window;
 }
 
+/// Of pixels x columns, padded: only what lies behind the last pixel is filled.
+Eigen::MatrixXf PaddedMatrix(Eigen::Index num_pixels, Eigen::Index num_columns) {
+  Eigen::MatrixXf padded(PaddedCount(num_pixels), num_columns);
+  padded.bottomRows(padded.rows() - num_pixels).setZero();
+  return padded;
+}
+
 /// The rows of the pixels that take part in coarse steps.
 Eigen::MatrixXf Thinned(const Eigen::MatrixXf& by_pixel, int edge) {
   const int coarse_edge = (edge + kCoarseStride - 1) / kCoarseStride;
-  Eigen::MatrixXf thinned =
-      Eigen::MatrixXf::Zero(PaddedCount(coarse_edge * coarse_edge), by_pixel.cols());
+  Eigen::MatrixXf thinned = PaddedMatrix(coarse_edge * coarse_edge, by_pixel.cols());
   for (Eigen::Index column = 0; column < by_pixel.cols(); ++column) {
     float* out = thinned.col(column).data();
     for (int y = 0; y < edge; y += kCoarseStride) {
@@ -105,7 +111,7 @@ std::optional<PatchTemplate> PatchTemplate::Create(const cv::Mat& image,
   const int num_motion = freedom == WarpFreedom::kShift ? 2 : 6;
   const int n = num_motion + 2;
   patch.num_parameters_ = n;
-  patch.design_ = Eigen::MatrixXf::Zero(PaddedCount(num_pixels), n);
+  patch.design_ = PaddedMatrix(num_pixels, n);
   const Eigen::VectorXf& weights = WindowOf(radius_px);
 
   // The offsets of the affine columns are scaled by the radius so that the normal matrix is well

@@ -118,11 +118,20 @@ void Blur(const Eigen::Vector2d& sigma_px, int margin, PixelGrid* grid) {
   const Eigen::VectorXf down = GaussianWeights(sigma_px.y(), margin);
   for (PixelGrid::Matrix* channel : {&grid->value, &grid->gradient_x, &grid->gradient_y}) {
     const Eigen::Index inner = channel->rows() - 2 * margin;
-    PixelGrid::Matrix rows = PixelGrid::Matrix::Zero(inner, channel->cols());
-    for (int i = 0; i <= 2 * margin; ++i) rows += down[i] * channel->middleRows(i, inner);
-    PixelGrid::Matrix blurred = PixelGrid::Matrix::Zero(inner, inner);
-    for (int i = 0; i <= 2 * margin; ++i) blurred += across[i] * rows.middleCols(i, inner);
-    *channel = std::move(blurred);
+    PixelGrid::Matrix rows;
+    if (sigma_px.y() > 0.0) {
+      rows = down[0] * channel->topRows(inner);
+      for (int i = 1; i <= 2 * margin; ++i) rows += down[i] * channel->middleRows(i, inner);
+    } else {
+      rows = channel->middleRows(margin, inner);
+    }
+    if (sigma_px.x() > 0.0) {
+      PixelGrid::Matrix blurred = across[0] * rows.leftCols(inner);
+      for (int i = 1; i <= 2 * margin; ++i) blurred += across[i] * rows.middleCols(i, inner);
+      *channel = std::move(blurred);
+    } else {
+      *channel = rows.middleCols(margin, inner);
+    }
   }
 }
 

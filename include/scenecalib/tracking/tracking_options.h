@@ -6,7 +6,7 @@ namespace scenecalib {
 
 /// Where new features are looked for.
 struct DetectionOptions {
-  int max_features = 1350;
+  int max_features = 1500;
   double min_distance_px = 7.5;
   double max_wide_factor = 1.5;
   int bucket_px = 64;
@@ -67,7 +67,7 @@ struct RegistrationOptions {
   int live_radius_px = 7;
   int radius_px = 10;
   int max_iterations = 12;
-  double convergence_px = 0.06;
+  double convergence_px = 0.03;
   double min_live_ncc = 0.75;
   double min_ncc = 0.85;
   double max_live_scale = 1.35;
