@@ -4,6 +4,8 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
+#include "pixel_mask.h"
+
 namespace scenecalib {
 namespace {
 
@@ -43,7 +45,7 @@ class Occupancy {
   Occupancy(const cv::Size& size, const DetectionOptions& options,
             const std::vector<double>& share_of_bucket)
       : taken_(size, CV_8UC1, cv::Scalar(0)),
-        radius_px_(static_cast<int>(std::lround(options.min_distance_px))),
+        disc_(static_cast<int>(std::lround(options.min_distance_px))),
         buckets_(size, options.bucket_px),
         room_(buckets_.size()) {
     const double even =
@@ -59,13 +61,13 @@ class Occupancy {
   }
 
   void Take(int x, int y) {
-    cv::circle(taken_, {x, y}, radius_px_, cv::Scalar(255), cv::FILLED);
+    disc_.Fill({x, y}, 255, &taken_);
     --room_[buckets_.At(x, y)];
   }
 
  private:
   cv::Mat taken_;
-  int radius_px_;
+  Disc disc_;  ///< around a feature
   BucketGrid buckets_;
   std::vector<int> room_;  ///< left in each bucket
 };

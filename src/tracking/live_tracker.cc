@@ -299,8 +299,8 @@ void LiveTracker::RemoveDuplicates(double scale, FrameTracking* frame) {
   });
   cv::Mat taken(static_cast<int>(domain_.rows / scale) + 1,
                 static_cast<int>(domain_.cols / scale) + 1, CV_8UC1, cv::Scalar(0));
-  const int radius =
-      std::max(1, static_cast<int>(std::lround(options_.flow.merge_distance_px / scale)));
+  const Disc near(
+      std::max(1, static_cast<int>(std::lround(options_.flow.merge_distance_px / scale))));
   std::vector<char> is_kept(active_.size(), 1);
   for (std::size_t i : order) {
     const Eigen::Vector2d pixel = active_[i].place.pixel / scale;
@@ -308,7 +308,7 @@ void LiveTracker::RemoveDuplicates(double scale, FrameTracking* frame) {
       is_kept[i] = 0;
       active_[i].track.observations.pop_back();  // this sighting belongs to the other track
     } else {
-      cv::circle(taken, ToPoint(pixel), radius, cv::Scalar(255), cv::FILLED);
+      near.Fill(ToPoint(pixel), 255, &taken);
     }
   }
   frame->num_rejected += EndOthers(is_kept, false);

@@ -50,9 +50,9 @@ cv::Mat MaskOf(const FlowPyramid& pyramid, const FeatureSurroundings& surroundin
   cv::Mat mask;
   cv::resize(surroundings.allowed, mask, pyramid.base().size(), 0.0, 0.0, cv::INTER_NEAREST);
   const double scale = pyramid.scale();
+  const Disc avoided(static_cast<int>(surroundings.avoided_radius_px / scale));
   for (const Eigen::Vector2d& pixel : surroundings.avoided) {
-    cv::circle(mask, ToPoint(pixel / scale),
-               static_cast<int>(surroundings.avoided_radius_px / scale), cv::Scalar(0), cv::FILLED);
+    avoided.Fill(ToPoint(pixel / scale), 0, &mask);
   }
   if (surroundings.flow != nullptr) LeaveOutWhatIsAboutToGo(surroundings, scale, &mask);
   return mask;

@@ -113,8 +113,8 @@ void SceneFlow::GatherNearest(const Eigen::Vector2d& pixel,
 }
 
 std::optional<Eigen::Vector3d> SceneFlow::FitInverseRange(const Eigen::Vector2d& pixel) const {
-  std::vector<std::pair<double, std::size_t>> nearest;
-  nearest.reserve(8 * kNumSupports);
+  thread_local std::vector<std::pair<double, std::size_t>> nearest;  // of this call alone
+  nearest.clear();
   GatherNearest(pixel, &nearest);
   if (nearest.size() < kNumSupports) return std::nullopt;
   const auto end = nearest.begin() + kNumSupports;
