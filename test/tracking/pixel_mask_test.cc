@@ -8,9 +8,8 @@ namespace {
 TEST(Disc, FillsWhatACircleFills) {
   for (const int radius_px : {0, 1, 2, 4, 7, 19}) {
     const Disc disc(radius_px);
-    for (const cv::Point& center :
-         {cv::Point(30, 25), cv::Point(0, 0), cv::Point(58, 39), cv::Point(-3, 20),
-          cv::Point(70, 55), cv::Point(200, 20)}) {
+    for (const cv::Point& center : {cv::Point(30, 25), cv::Point(0, 0), cv::Point(58, 39),
+                                    cv::Point(-3, 20), cv::Point(70, 55), cv::Point(200, 20)}) {
       cv::Mat circle(40, 60, CV_8UC1, cv::Scalar(9));
       cv::Mat filled = circle.clone();
       cv::circle(circle, center, radius_px, cv::Scalar(200), cv::FILLED);
