@@ -61,14 +61,10 @@ cv::Mat MaskOf(const FlowPyramid& pyramid, const FeatureSurroundings& surroundin
 }  // namespace
 
 DetectionOptions ForFieldOfView(DetectionOptions options, double max_theta_rad) {
-  constexpr double kWide_rad = 45.0 * M_PI / 180.0;
-  constexpr double kNarrow_rad = 36.0 * M_PI / 180.0;
-  const double wide = std::clamp(max_theta_rad / kWide_rad, 1.0, options.max_wide_factor);
-  const double narrow =
-      std::clamp(std::tan(kNarrow_rad) / std::tan(std::min(max_theta_rad, kNarrow_rad)), 1.0,
-                 options.max_narrow_factor);
-  options.max_features = static_cast<int>(std::lround(options.max_features * wide * narrow));
-  options.min_distance_px /= wide;
+  constexpr double kOrdinary_rad = 45.0 * M_PI / 180.0;
+  const double factor = std::clamp(max_theta_rad / kOrdinary_rad, 1.0, options.max_wide_factor);
+  options.max_features = static_cast<int>(std::lround(options.max_features * factor));
+  options.min_distance_px /= factor;
   return options;
 }
 

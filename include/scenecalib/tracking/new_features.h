@@ -27,7 +27,7 @@ struct FeatureTrial {
 };
 
 /// Options for a camera that sees up to this angle from its axis:
-/// DetectionOptions::max_wide_factor and max_narrow_factor.
+/// DetectionOptions::max_wide_factor.
 DetectionOptions ForFieldOfView(DetectionOptions options, double max_theta_rad);
 
 /// Chooses new features from image to image, and learns where they can be followed.

@@ -9,7 +9,6 @@ struct DetectionOptions {
   int max_features = 1500;
   double min_distance_px = 7.5;
   double max_wide_factor = 1.5;
-  double max_narrow_factor = 1.33;
   int bucket_px = 64;
   double bucket_share = 8.0;
   double min_relative_score = 1e-3;
@@ -22,11 +21,6 @@ struct DetectionOptions {
             "a camera that sees beyond 45 degrees from its axis is given more features, nearer to "
             "each other, in proportion to that angle and by up to this factor: what it sees passes "
             "by quickly");
-    v.Field(
-        "max_narrow_factor", &max_narrow_factor, {1, 10},
-        "a camera that sees less than 36 degrees from its axis is given more features, in "
-        "proportion to the tangents and by up to this factor: its tracks tell little of how far "
-        "forward it is");
     v.Field("bucket_px", &bucket_px, {16, 1024}, "edge of a bucket that features are spread over");
     v.Field(
         "bucket_share", &bucket_share, {1, 100},
