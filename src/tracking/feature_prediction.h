@@ -20,10 +20,12 @@ struct PredictionTimes {
   Timestamp now_ns = 0;
 };
 
-/// Where the features go; parallel to `active`. Motion under perspective grows geometrically as
-/// things come nearer, so the last step is repeated with its own growth; a feature without history
-/// goes with the scene flow between the last two images or, where that (null: none) says nothing,
-/// with its neighbours. What was not seen in the last image stays.
+/// Where the features go; parallel to `active`. A feature seen in the last two images goes on as its
+/// scene point does when the camera's motion is repeated (SceneFlow::Continue). What moves by
+/// itself, or without scene flow between those images (null), repeats its last step with its own
+/// growth, as motion under perspective grows geometrically while things come nearer. A feature
+/// without history goes with the scene flow around it or, where that says nothing, with its
+/// neighbours. What was not seen in the last image stays.
 std::vector<FeaturePrediction> PredictFeatures(const std::vector<ActiveTrack>& active,
                                                const SceneFlow* scene_flow,
                                                const PredictionTimes& times);

@@ -32,8 +32,8 @@ constexpr double kMaxRescueShiftPx = 10.0;
 /// Levels of the pyramid above the finest one that are searched where the motion is expected to go
 /// on.
 constexpr int kNearLevels = 1;
-/// Share of the features that may be lost there before some of them, every so manieth, are looked
-/// for farther away, and share of these that has to be found before all are.
+/// Share of the features that may be lost there before a sample of them, one in kFarSample, is
+/// looked for farther away, and share of the sample that has to be found before the others are too.
 constexpr double kMaxLostShare = 0.4;
 constexpr std::size_t kFarSample = 10;
 constexpr double kMinFarShare = 0.08;
