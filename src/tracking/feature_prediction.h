@@ -20,8 +20,8 @@ struct PredictionTimes {
   Timestamp now_ns = 0;
 };
 
-/// Where the features go; parallel to `active`. A feature seen in the last two images goes on as its
-/// scene point does when the camera's motion is repeated (SceneFlow::Continue). What moves by
+/// Where the features go; parallel to `active`. A feature seen in the last two images goes on as
+/// its scene point does when the camera's motion is repeated (SceneFlow::Continue). What moves by
 /// itself, or without scene flow between those images (null), repeats its last step with its own
 /// growth, as motion under perspective grows geometrically while things come nearer. A feature
 /// without history goes with the scene flow around it or, where that says nothing, with its
