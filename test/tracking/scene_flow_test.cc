@@ -81,9 +81,9 @@ TEST(SceneFlow, ContinuesAFeatureAsTheCameraMoves) {
   const auto flow = SceneFlow::Estimate(*drive.model, drive.FarFeatures(0.05), 1.0, {});
   ASSERT_TRUE(flow);
   for (const double ratio : {1.0, 1.5}) {
-    const Rigid3 third_from_second{ExpSo3(ratio * Eigen::Vector3d(0.01, 0.03, 0.0)),
+    const Rigid3 second_from_third{ExpSo3(ratio * Eigen::Vector3d(0.01, 0.03, 0.0)),
                                    ratio * drive.map_from_second.translation};
-    const Rigid3 map_from_third = drive.map_from_second * third_from_second;
+    const Rigid3 map_from_third = drive.map_from_second * second_from_third;
     for (const Eigen::Vector2d& before : {Eigen::Vector2d(420, 400), Eigen::Vector2d(300, 400)}) {
       const Eigen::Vector2d after = *drive.Transfer(before);
       const Eigen::Vector2d truth = *drive.Transfer(before, map_from_third);
