@@ -13,7 +13,6 @@
 #include "scenecalib/base/random.h"
 #include "scenecalib/calibration/joint_calibration.h"
 #include "scenecalib/geometry/so3.h"
-#include "scenecalib/mapping/ray_caster.h"
 #include "scenecalib/tracking/track_selection.h"
 #include "verdicts.h"
 
@@ -260,13 +259,20 @@ Result<RigCalibration> CalibrateRig(const Rig& initial, const SceneMap& map,
                                     const std::vector<CameraSegment>& segments,
                                     const CalibrationOptions& options,
                                     const ProgressCallback& progress) {
+  const Result<RayCaster> surfaces = RayCaster::Create(map);
+  if (!surfaces.ok()) return surfaces.status();
+  return CalibrateRig(initial, map, *surfaces, segments, options, progress);
+}
+
+Result<RigCalibration> CalibrateRig(const Rig& initial, const SceneMap& map,
+                                    const RayCaster& surfaces,
+                                    const std::vector<CameraSegment>& segments,
+                                    const CalibrationOptions& options,
+                                    const ProgressCallback& progress) {
   if (segments.size() != initial.cameras.size()) {
     return Status::InvalidArgument("there must be one segment of tracks per camera");
   }
   SCENECALIB_RETURN_IF_ERROR(CheckOptions(options));
-  Result<RayCaster> caster = RayCaster::Create(map);
-  if (!caster.ok()) return caster.status();
-
   const int num_cameras = static_cast<int>(initial.cameras.size());
   RigCalibration calibration;
   calibration.result.rig = initial;
@@ -279,7 +285,7 @@ Result<RigCalibration> CalibrateRig(const Rig& initial, const SceneMap& map,
     const CameraConfig& camera = initial.cameras[c];
     tracks[c] = Split(segments[c].tracks, options.acceptance.held_out_share, options.seed);
     calibration.result.cameras[c].num_tracks = static_cast<int>(segments[c].tracks.size());
-    loops[c] = CalibrateCamera(camera, tracks[c].used, map.map_from_lidar, *caster, options,
+    loops[c] = CalibrateCamera(camera, tracks[c].used, map.map_from_lidar, surfaces, options,
                                [&loop_rounds] { return loop_rounds.Tick(); });
   });
 
@@ -310,7 +316,7 @@ Result<RigCalibration> CalibrateRig(const Rig& initial, const SceneMap& map,
 
   RoundCounter joint_rounds(progress, "calibration: joint", NumJointRounds(options));
   const Result<JointCalibration> joint = CalibrateJointly(
-      joint_cameras, map.map_from_lidar, *caster, CorrectionPriorOf(map, options.joint), options,
+      joint_cameras, map.map_from_lidar, surfaces, CorrectionPriorOf(map, options.joint), options,
       [&joint_rounds] { return joint_rounds.Tick(); });
   if (!joint.ok()) return joint.status();
   calibration.evidence.cameras.resize(num_cameras);
@@ -318,7 +324,7 @@ Result<RigCalibration> CalibrateRig(const Rig& initial, const SceneMap& map,
     if (loops[c]->ok()) calibration.evidence.cameras[c].rounds = (*loops[c])->rounds;
   }
   AddCrossCameraEvidence(initial, *joint, camera_of_joint, &calibration.evidence);
-  const Finisher finisher(initial, map, *caster, options, &calibration);
+  const Finisher finisher(initial, map, surfaces, options, &calibration);
   for (std::size_t j = 0; j < joint_cameras.size(); ++j) {
     finisher.Finish(*joint, static_cast<int>(j), camera_of_joint[j],
                     tracks[camera_of_joint[j]].held_out);

@@ -86,8 +86,8 @@ using Frames = std::vector<std::optional<Frame>>;
 /// Fills the slots of these cameras, all of them the first or all the later ones.
 void AddFrames(const Rig& rig, const SceneMap& map, const RayCaster& caster,
                const std::vector<const std::map<Timestamp, cv::Mat>*>& images,
-               const MiscalibrationOptions& options, const std::vector<bool>& cameras, bool later,
-               Frames* frames) {
+               const MiscalibrationOptions& options, const std::atomic<bool>& cancelled,
+               const std::vector<bool>& cameras, bool later, Frames* frames) {
   frames->resize(static_cast<std::size_t>(options.num_times) * rig.cameras.size() * 2);
   const double duration_s =
       SecondsBetween(map.map_from_lidar.start_ns(), map.map_from_lidar.end_ns());
@@ -96,7 +96,7 @@ void AddFrames(const Rig& rig, const SceneMap& map, const RayCaster& caster,
     const std::size_t camera = i % rig.cameras.size();
     const std::size_t time = i / rig.cameras.size();
     const CameraConfig& config = rig.cameras[camera];
-    if (!cameras[camera] || !config.model || images[camera] == nullptr) return;
+    if (cancelled || !cameras[camera] || !config.model || images[camera] == nullptr) return;
     const double elapsed_s = duration_s * (static_cast<double>(time) + 0.5) / options.num_times +
                              (later ? options.pair_separation_s : 0.0);
     std::optional<Frame> frame =
@@ -274,27 +274,29 @@ int NumTimes(const Rig& rig, const MiscalibrationOptions& options) {
 
 ImagePairs CollectImagePairs(const Rig& rig, const SceneMap& map, const RayCaster& caster,
                              const std::vector<const std::map<Timestamp, cv::Mat>*>& images,
-                             const MiscalibrationOptions& wanted, BandPassImages* band_pass) {
+                             const MiscalibrationOptions& wanted,
+                             const std::atomic<bool>& cancelled, BandPassImages* band_pass) {
   MiscalibrationOptions options = wanted;
   options.num_times = NumTimes(rig, wanted);
   ImagePairs result;
   std::vector<Comparison>& comparisons = result.comparisons;
   Frames frames;
   std::vector<Pair> pairs;
-  AddFrames(rig, map, caster, images, options, std::vector<bool>(rig.cameras.size(), true), false,
-            &frames);
+  AddFrames(rig, map, caster, images, options, cancelled,
+            std::vector<bool>(rig.cameras.size(), true), false, &frames);
   AddComparisons(frames, PairsOfCameras(frames, rig), rig, options, &pairs, &comparisons);
   // A camera that shares views with others is judged by those alone: the images of one camera at
   // two times hardly show a shift that both share.
   std::vector<bool> alone(rig.cameras.size(), true);
   for (const Pair& pair : pairs) alone[frames[pair.frame]->camera] = false;
-  AddFrames(rig, map, caster, images, options, alone, true, &frames);
+  AddFrames(rig, map, caster, images, options, cancelled, alone, true, &frames);
   AddComparisons(frames, PairsInTime(frames, rig), rig, options, &pairs, &comparisons);
 
   result.pairs_of_camera.resize(rig.cameras.size());
   for (std::size_t i = 0; i < pairs.size(); ++i) {
     result.pairs_of_camera[frames[pairs[i].frame]->camera].push_back(i);
   }
+  if (cancelled) return {};
   AddImages(frames, pairs, options.smoothing_px, band_pass, &comparisons);
   return result;
 }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <atomic>
 #include <map>
 #include <opencv2/core.hpp>
 #include <utility>
@@ -46,9 +47,10 @@ int NumTimes(const Rig& rig, const MiscalibrationOptions& options);
 /// map's trajectory; a camera that shares views with no other one with itself a little later. A
 /// pair is of points on the map's surfaces that both images see, and is left out with fewer than
 /// `min_points`. `band_pass` keeps the smoothed images for the next rig; the comparisons point into
-/// it.
+/// it. With few pairs or none where `cancelled` becomes true meanwhile.
 ImagePairs CollectImagePairs(const Rig& rig, const SceneMap& map, const RayCaster& caster,
                              const std::vector<const std::map<Timestamp, cv::Mat>*>& images,
-                             const MiscalibrationOptions& options, BandPassImages* band_pass);
+                             const MiscalibrationOptions& options,
+                             const std::atomic<bool>& cancelled, BandPassImages* band_pass);
 
 }  // namespace scenecalib

@@ -11,7 +11,7 @@
 #include "image_pairs.h"
 #include "scenecalib/base/random.h"
 
-// Map of this file: RateRig collects the pairs (image_pairs.h) and each camera's best pose
+// Map of this file: the rater collects the pairs (image_pairs.h) and each camera's best pose
 // (best_pose.h); RateCamera perturbs.
 
 namespace scenecalib {
@@ -94,22 +94,10 @@ std::vector<double> DrawFractions(const MiscalibrationOptions& options) {
   return fractions;
 }
 
-Rates RateRig(const Rig& rig, const SceneMap& map, const RayCaster& caster,
-              const std::vector<const std::map<Timestamp, cv::Mat>*>& images,
-              const MiscalibrationOptions& options, BandPassImages* band_pass) {
-  Rates rates(rig.cameras.size());
-  const auto [comparisons, pairs_of_camera] =
-      CollectImagePairs(rig, map, caster, images, options, band_pass);
-  const std::vector<ScaledPose> optima = FindBestPoses(comparisons, pairs_of_camera);
-  const std::vector<double> fractions = DrawFractions(options);
-  for (std::size_t camera = 0; camera < rates.size(); ++camera) {
-    if (pairs_of_camera[camera].empty()) continue;
-    const AxisValues r =
-        RateCamera(comparisons, pairs_of_camera[camera], optima[camera], fractions, options);
-    // Rotations by axis are about right (pitch), down (yaw) and forward (roll).
-    rates[camera] = MiscalibrationRate{r[0], r[1], r[2], r[5], r[3], r[4]};
-  }
-  return rates;
+Status CheckImages(const Rig& rig, const std::vector<const std::map<Timestamp, cv::Mat>*>& images) {
+  if (images.size() == rig.cameras.size()) return Status::Ok();
+  return Status::InvalidArgument("miscalibration rate: images of " + std::to_string(images.size()) +
+                                 " cameras for a rig of " + std::to_string(rig.cameras.size()));
 }
 
 }  // namespace
@@ -144,6 +132,42 @@ MiscalibrationRate PublishedRate(FieldOfView field_of_view) {
   return {0.045, 0.070, 0.066, 0.119, 0.183, 0.126};
 }
 
+struct MiscalibrationRater::Impl {
+  const SceneMap& map;
+  const RayCaster& surfaces;
+  std::vector<const std::map<Timestamp, cv::Mat>*> images;
+  MiscalibrationOptions options;
+  BandPassImages band_pass;  ///< of the rigs so far
+};
+
+MiscalibrationRater::MiscalibrationRater(const SceneMap& map, const RayCaster& surfaces,
+                                         std::vector<const std::map<Timestamp, cv::Mat>*> images,
+                                         const MiscalibrationOptions& options)
+    : impl_(new Impl{map, surfaces, std::move(images), options, {}}) {}
+MiscalibrationRater::~MiscalibrationRater() = default;
+
+Result<Rates> MiscalibrationRater::Rate(const Rig& rig, const std::atomic<bool>& cancelled) {
+  const MiscalibrationOptions& options = impl_->options;
+  SCENECALIB_RETURN_IF_ERROR(CheckOptions(options));
+  SCENECALIB_RETURN_IF_ERROR(CheckImages(rig, impl_->images));
+  Rates rates(rig.cameras.size());
+  const Status stopped = Status::Cancelled("miscalibration rate: stopped");
+  const auto [comparisons, pairs_of_camera] = CollectImagePairs(
+      rig, impl_->map, impl_->surfaces, impl_->images, options, cancelled, &impl_->band_pass);
+  if (cancelled) return stopped;
+  const std::vector<ScaledPose> optima = FindBestPoses(comparisons, pairs_of_camera);
+  const std::vector<double> fractions = DrawFractions(options);
+  for (std::size_t camera = 0; camera < rates.size(); ++camera) {
+    if (cancelled) return stopped;
+    if (pairs_of_camera[camera].empty()) continue;
+    const AxisValues r =
+        RateCamera(comparisons, pairs_of_camera[camera], optima[camera], fractions, options);
+    // Rotations by axis are about right (pitch), down (yaw) and forward (roll).
+    rates[camera] = MiscalibrationRate{r[0], r[1], r[2], r[5], r[3], r[4]};
+  }
+  return rates;
+}
+
 Result<std::vector<Rates>> ComputeMiscalibrationRates(
     const std::vector<Rig>& rigs, const SceneMap& map,
     const std::vector<const std::map<Timestamp, cv::Mat>*>& images,
@@ -151,19 +175,17 @@ Result<std::vector<Rates>> ComputeMiscalibrationRates(
   SCENECALIB_RETURN_IF_ERROR(CheckOptions(options));
   std::vector<Rates> rates;
   for (const Rig& rig : rigs) {
-    if (images.size() != rig.cameras.size()) {
-      return Status::InvalidArgument("miscalibration rate: images of " +
-                                     std::to_string(images.size()) + " cameras for a rig of " +
-                                     std::to_string(rig.cameras.size()));
-    }
+    SCENECALIB_RETURN_IF_ERROR(CheckImages(rig, images));
     rates.emplace_back(rig.cameras.size());
   }
   if (map.map_from_lidar.empty()) return rates;
-  const Result<RayCaster> caster = RayCaster::Create(map);
-  if (!caster.ok()) return rates;  // no surface, hence no point to compare
-  BandPassImages band_pass;
+  const Result<RayCaster> surfaces = RayCaster::Create(map);
+  if (!surfaces.ok()) return rates;  // hence no point to compare
+  MiscalibrationRater rater(map, *surfaces, images, options);
   for (std::size_t i = 0; i < rigs.size(); ++i) {
-    rates[i] = RateRig(rigs[i], map, *caster, images, options, &band_pass);
+    Result<Rates> of_rig = rater.Rate(rigs[i], std::atomic<bool>(false));
+    if (!of_rig.ok()) return of_rig.status();
+    rates[i] = std::move(of_rig).value();
   }
   return rates;
 }

@@ -1,9 +1,11 @@
 #include "scenecalib/pipeline/calibration_pipeline.h"
 
 #include <tbb/global_control.h>
+#include <tbb/parallel_invoke.h>
 #include <tbb/task_group.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cstdio>
 #include <mutex>
 #include <thread>
@@ -61,6 +63,22 @@ std::string WhyUnusable(const CameraConfig& camera, const SceneMap& map,
       num_stamps,
       SecondsBetween(map.map_from_lidar.start_ns(), AddSeconds(first_ns, camera.time_offset_s)));
   return text;
+}
+
+std::vector<const std::map<Timestamp, cv::Mat>*> ImagesOf(
+    const std::vector<CameraSegment>& segments) {
+  std::vector<const std::map<Timestamp, cv::Mat>*> images;
+  for (const CameraSegment& segment : segments) images.push_back(&segment.images);
+  return images;
+}
+
+using Rates = std::vector<std::optional<MiscalibrationRate>>;
+
+void EnterRates(const Rates& before, const Rates& after, CalibrationResult* result) {
+  for (std::size_t i = 0; i < result->cameras.size(); ++i) {
+    result->cameras[i].miscalibration_rate_before = before[i];
+    result->cameras[i].miscalibration_rate_after = after[i];
+  }
 }
 
 }  // namespace
@@ -214,14 +232,10 @@ Status AddMiscalibrationRates(const Rig& initial, const SceneMap& map,
                               const std::vector<CameraSegment>& segments,
                               const MiscalibrationOptions& options, CalibrationResult* result) {
   if (options.num_times == 0) return Status::Ok();
-  std::vector<const std::map<Timestamp, cv::Mat>*> images;
-  for (const CameraSegment& segment : segments) images.push_back(&segment.images);
-  const auto rates = ComputeMiscalibrationRates({initial, result->rig}, map, images, options);
+  const auto rates =
+      ComputeMiscalibrationRates({initial, result->rig}, map, ImagesOf(segments), options);
   if (!rates.ok()) return rates.status();
-  for (std::size_t i = 0; i < result->cameras.size(); ++i) {
-    result->cameras[i].miscalibration_rate_before = (*rates)[0][i];
-    result->cameras[i].miscalibration_rate_after = (*rates)[1][i];
-  }
+  EnterRates((*rates)[0], (*rates)[1], result);
   return Status::Ok();
 }
 
@@ -239,17 +253,31 @@ Result<RigCalibration> CalibrateSegments(const Rig& initial, const SceneMap& map
     segments[i] = CameraSegment();
     all_refusals += "; camera " + initial.cameras[i].name + ": " + refusals[i];
   }
-  Result<RigCalibration> calibration = CalibrateRig(initial, map, segments, options, progress);
-  if (!calibration.ok()) {
-    return Status(calibration.status().code(), calibration.status().message() + all_refusals);
-  }
+  const auto with_refusals = [&all_refusals](const Status& status) {
+    return Status(status.code(), status.message() + all_refusals);
+  };
+  const Result<RayCaster> surfaces = RayCaster::Create(map);
+  if (!surfaces.ok()) return with_refusals(surfaces.status());
+  MiscalibrationRater rater(map, *surfaces, ImagesOf(segments), miscalibration);
+  std::atomic<bool> cancelled{false};
+  Result<Rates> before = Status::Cancelled("not rated");
+  Result<RigCalibration> calibration = Status::Cancelled("not calibrated");
+  tbb::parallel_invoke(  // the calibration's solves leave processors idle
+      [&] {
+        calibration = CalibrateRig(initial, map, *surfaces, segments, options, progress);
+        cancelled = !calibration.ok();
+      },
+      [&] { before = rater.Rate(initial, cancelled); });
+  if (!calibration.ok()) return with_refusals(calibration.status());
+  if (!before.ok()) return before.status();
   for (std::size_t i = 0; i < refusals.size(); ++i) {
     if (refusals[i].empty()) continue;
     std::vector<std::string>& reasons = calibration->result.cameras[i].reasons;
     reasons.insert(reasons.begin(), refusals[i]);
   }
-  SCENECALIB_RETURN_IF_ERROR(
-      AddMiscalibrationRates(initial, map, segments, miscalibration, &calibration->result));
+  const Result<Rates> after = rater.Rate(calibration->result.rig, cancelled);
+  if (!after.ok()) return after.status();
+  EnterRates(*before, *after, &calibration->result);
   return calibration;
 }
 

@@ -14,7 +14,7 @@ class ImagePairsOf : public RatedDrive {
     return CollectImagePairs(
         rig, map_, *caster,
         std::vector<const std::map<Timestamp, cv::Mat>*>(rig.cameras.size(), &images_), options_,
-        &band_pass_);
+        false, &band_pass_);
   }
   BandPassImages band_pass_;
 };

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
 
+#include <atomic>
 #include <cmath>
 
 #include "rated_drive.h"
@@ -153,6 +154,32 @@ TEST_F(MiscalibrationRates, AMapWithoutSurfacesGivesNone) {
 TEST_F(MiscalibrationRates, TooFewSharedPointsAreNoEvidence) {
   options_.min_points = 100000;
   EXPECT_FALSE(Rate(rig_).has_value());
+}
+
+TEST_F(MiscalibrationRates, AreTheSameWhereRigsBecomeKnownOneAfterTheOther) {
+  const Rig moved = RigOf({Moved(rig_.cameras[0], {0.0, 0.01, 0.0}, {0, 0, 0})});
+  const Result<RayCaster> surfaces = RayCaster::Create(map_);
+  ASSERT_TRUE(surfaces.ok());
+  MiscalibrationRater rater(map_, *surfaces, {&images_}, options_);
+  const std::atomic<bool> cancelled{false};
+  for (const Rig& rig : {moved, rig_}) {
+    const auto alone = Rate(rig);
+    const auto in_turn = rater.Rate(rig, cancelled);
+    ASSERT_TRUE(in_turn.ok() && in_turn->at(0) && alone);
+    EXPECT_EQ(in_turn->at(0)->pitch, alone->pitch);
+    EXPECT_EQ(in_turn->at(0)->yaw, alone->yaw);
+    EXPECT_EQ(in_turn->at(0)->roll, alone->roll);
+  }
+}
+
+TEST_F(MiscalibrationRates, CanBeCancelled) {
+  const Result<RayCaster> surfaces = RayCaster::Create(map_);
+  ASSERT_TRUE(surfaces.ok());
+  MiscalibrationRater rater(map_, *surfaces, {&images_}, options_);
+  std::atomic<bool> cancelled{true};
+  EXPECT_EQ(rater.Rate(rig_, cancelled).status().code(), Status::Code::kCancelled);
+  cancelled = false;
+  EXPECT_TRUE(rater.Rate(rig_, cancelled).ok()) << "a stopped one is not in the way of the next";
 }
 
 TEST_F(MiscalibrationRates, RefuseListsOfDifferentLengths) {

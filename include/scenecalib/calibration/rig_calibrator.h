@@ -7,6 +7,7 @@
 #include "scenecalib/calibration/calibration_evidence.h"
 #include "scenecalib/calibration/calibration_options.h"
 #include "scenecalib/calibration/calibration_result.h"
+#include "scenecalib/mapping/ray_caster.h"
 #include "scenecalib/mapping/scene_map.h"
 #include "scenecalib/sensor/rig.h"
 #include "scenecalib/tracking/camera_tracker.h"
@@ -31,6 +32,13 @@ struct RigCalibration {
 /// initial.cameras. InsufficientData when no camera could be calibrated; a single camera that could
 /// not is returned with accepted == false and its reason.
 Result<RigCalibration> CalibrateRig(const Rig& initial, const SceneMap& map,
+                                    const std::vector<CameraSegment>& segments,
+                                    const CalibrationOptions& options,
+                                    const ProgressCallback& progress);
+
+/// The same where the map's surfaces are at hand already.
+Result<RigCalibration> CalibrateRig(const Rig& initial, const SceneMap& map,
+                                    const RayCaster& surfaces,
                                     const std::vector<CameraSegment>& segments,
                                     const CalibrationOptions& options,
                                     const ProgressCallback& progress);

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <atomic>
 #include <map>
+#include <memory>
 #include <opencv2/core.hpp>
 #include <optional>
 #include <vector>
@@ -8,6 +10,7 @@
 #include "scenecalib/base/options.h"
 #include "scenecalib/base/status.h"
 #include "scenecalib/calibration/calibration_result.h"
+#include "scenecalib/mapping/ray_caster.h"
 #include "scenecalib/mapping/scene_map.h"
 #include "scenecalib/sensor/rig.h"
 
@@ -85,5 +88,25 @@ Result<std::vector<std::vector<std::optional<MiscalibrationRate>>>> ComputeMisca
     const std::vector<Rig>& rigs, const SceneMap& map,
     const std::vector<const std::map<Timestamp, cv::Mat>*>& images,
     const MiscalibrationOptions& options);
+
+/// The same for rigs that become known one after the other. The map, its surfaces and the images
+/// must outlive it.
+class MiscalibrationRater {
+ public:
+  /// `images` is parallel to the cameras of every rig.
+  MiscalibrationRater(const SceneMap& map, const RayCaster& surfaces,
+                      std::vector<const std::map<Timestamp, cv::Mat>*> images,
+                      const MiscalibrationOptions& options);
+  ~MiscalibrationRater();
+
+  /// The errors of ComputeMiscalibrationRates; Cancelled soon after `cancelled` became true. One
+  /// rig at a time.
+  Result<std::vector<std::optional<MiscalibrationRate>>> Rate(const Rig& rig,
+                                                              const std::atomic<bool>& cancelled);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
 
 }  // namespace scenecalib
