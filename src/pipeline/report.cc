@@ -1,5 +1,7 @@
 #include "scenecalib/pipeline/report.h"
 
+#include <tbb/parallel_invoke.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -179,7 +181,10 @@ Result<ReportData> MakeReportData(const PipelineResult& result,
                                TimeNear(view, map.map_from_lidar)),
                      view);
   };
-  const auto picture = Encode("all cameras", cloud(data.initial), cloud(data.result.rig));
+  cv::Mat before, after;
+  tbb::parallel_invoke([&] { before = cloud(data.initial); },
+                       [&] { after = cloud(data.result.rig); });
+  const auto picture = Encode("all cameras", before, after);
   if (!picture.ok()) return picture.status();
   data.clouds.push_back(*picture);
   return data;
