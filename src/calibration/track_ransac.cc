@@ -16,6 +16,9 @@ namespace scenecalib {
 namespace {
 
 constexpr int kSampleIterations = 6;
+/// A step that lowers the sample's squared residuals by less than this, in squared sigmas, is the
+/// last.
+constexpr double kSettledGain = 1e-2;
 
 struct Hypothesis {
   CameraParameters camera;
@@ -82,6 +85,7 @@ struct Sampler {
       if (!step.allFinite()) return false;
       parameters->rotation_delta_rad += step.head<3>();
       parameters->translation_delta_m += step.tail<3>();
+      if (-gradient.dot(step) < kSettledGain) break;
     }
     return true;
   }
