@@ -22,6 +22,9 @@ constexpr double kMinResidualSigma = 0.3;
 constexpr double kUnresolvedShare = 0.5;
 /// Further rounds of lenses that follow the data, one Newton step each.
 constexpr int kRoundsForLenses = 2;
+/// The first round that frees the intrinsics. What it finds is still on its way where they trade
+/// with the rotation: patches are registered and matched again only by what the next one finds.
+constexpr int kFreeingRound = 1;
 
 CameraContext ContextOf(const JointCalibration& joint, int camera, const Trajectory& trajectory) {
   CameraContext context;
@@ -198,10 +201,11 @@ Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& camera
   const int num_rounds = NumJointRounds(options);
   for (int round = 0; round < num_rounds; ++round) {
     const bool is_last = round + 1 == num_rounds;
+    const bool looks_again = !is_last && (round != kFreeingRound || round + 2 == num_rounds);
     joint.terms.clear();
     problem.time_offset_s = joint.time_offset_s;
     problem.free.intrinsics =
-        !options.hold_intrinsics && round > 0;  // not until the poses are good
+        !options.hold_intrinsics && round >= kFreeingRound;  // not until the poses are good
     std::vector<std::vector<TransferTerm>> terms(cameras.size());
     tbb::parallel_for(std::size_t{0}, cameras.size(), [&](std::size_t c) {
       terms[c] = CollectTerms(&joint, static_cast<int>(c), map_from_lidar, caster, options);
@@ -229,7 +233,7 @@ Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& camera
       SCENECALIB_RETURN_IF_ERROR(ChangeLenses(problem, &joint));
     }
     FoldDeltas(&joint);
-    if (options.joint.register_through_map && !is_last) {
+    if (options.joint.register_through_map && looks_again) {
       std::vector<Status> registered(cameras.size(), Status::Ok());
       tbb::parallel_for(std::size_t{0}, cameras.size(), [&](std::size_t c) {
         registered[c] = RegisterAgain(cameras[c], static_cast<int>(c), joint.terms, map_from_lidar,
@@ -237,7 +241,7 @@ Result<JointCalibration> CalibrateJointly(const std::vector<JointCamera>& camera
       });
       for (const Status& status : registered) SCENECALIB_RETURN_IF_ERROR(status);
     }
-    if (!is_last) {
+    if (looks_again) {
       CrossCameraOptions matching = options.cross_camera;
       if (round > 0) matching.search_px = std::min(matching.search_px, matching.search_again_px);
       SCENECALIB_RETURN_IF_ERROR(

@@ -34,7 +34,7 @@ struct CoarseToFineOptions {
 
 /// The joint solve over all cameras and the trajectory correction.
 struct JointOptions {
-  int num_rounds = 3;
+  int num_rounds = 4;
   int max_tracks_per_camera = 3000;
   double inlier_sigmas = 3.0;
   bool correct_trajectory = true;
