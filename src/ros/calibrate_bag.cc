@@ -1,6 +1,9 @@
 #include "scenecalib/ros/calibrate_bag.h"
 
 #include <ros/init.h>
+#ifdef __GLIBC__
+#include <malloc.h>
+#endif
 
 #include <CLI/CLI.hpp>
 #include <cstdio>
@@ -270,6 +273,16 @@ int Run(const Arguments& arguments) {
   return exit_status;
 }
 
+/// Images and clouds come and go by the thousand. Memory that was freed stays with the process,
+/// instead of being mapped, cleared and unmapped for each: nearly half of the system's time.
+void KeepFreedMemory() {
+#ifdef __GLIBC__
+  constexpr int kMiB = 1 << 20;
+  mallopt(M_MMAP_THRESHOLD, 32 * kMiB);  // the most that glibc takes
+  mallopt(M_TRIM_THRESHOLD, 512 * kMiB);
+#endif
+}
+
 }  // namespace
 
 int RunCalibrateBag(int argc, char** argv) {
@@ -277,6 +290,7 @@ int RunCalibrateBag(int argc, char** argv) {
   ros::removeROSArgs(argc, argv, own_arguments);
   std::vector<std::string> reversed(own_arguments.rbegin(), own_arguments.rend() - 1);
   InstallTerminalLogSink();
+  KeepFreedMemory();
   CLI::App app("Calibrates the cameras of a rig against its lidar from a recorded drive.");
   Arguments arguments;
   Declare(&app, &arguments);
