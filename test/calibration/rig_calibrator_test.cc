@@ -130,6 +130,27 @@ TEST(RigCalibrator, RefinesIntrinsicsOnADriveWithTurns) {
   }
 }
 
+TEST(RigCalibrator, HasSettledAfterItsRounds) {
+  CanyonOptions canyon;
+  canyon.tracks_per_camera = 1500;
+  const CanyonScene scene = MakeCanyonScene(TwoCameras(), canyon);
+  const Rig initial = WithWrongIntrinsics(Perturb(scene.rig, 0.5 / kDegPerRad, 0.05, 8));
+  CalibrationOptions options = HeldIntrinsics();
+  options.hold_intrinsics = false;
+  const auto calibration = CalibrateRig(initial, scene.map, scene.segments, options, {});
+  options.joint.num_rounds += 4;
+  const auto longer = CalibrateRig(initial, scene.map, scene.segments, options, {});
+  ASSERT_TRUE(calibration.ok() && longer.ok());
+  for (std::size_t c = 0; c < scene.rig.cameras.size(); ++c) {
+    const Eigen::Vector2d change =
+        longer->result.rig.cameras[c].model->tunable().principal_point_px -
+        calibration->result.rig.cameras[c].model->tunable().principal_point_px;
+    const CameraQuality& quality = calibration->result.cameras[c];
+    EXPECT_LT(change.cwiseQuotient(quality.stddev.principal_point_px).cwiseAbs().maxCoeff(), 0.1)
+        << scene.rig.cameras[c].name;
+  }
+}
+
 /// The rig with radial coefficients that are not the truth's.
 Rig WithWrongLenses(const Rig& rig, double change) {
   Rig wrong = rig;
