@@ -151,6 +151,7 @@ Result<Rates> MiscalibrationRater::Rate(const Rig& rig, const std::atomic<bool>&
   SCENECALIB_RETURN_IF_ERROR(CheckOptions(options));
   SCENECALIB_RETURN_IF_ERROR(CheckImages(rig, impl_->images));
   Rates rates(rig.cameras.size());
+  if (impl_->map.map_from_lidar.empty()) return rates;
   const Status stopped = Status::Cancelled("miscalibration rate: stopped");
   const auto [comparisons, pairs_of_camera] = CollectImagePairs(
       rig, impl_->map, impl_->surfaces, impl_->images, options, cancelled, &impl_->band_pass);
@@ -178,7 +179,6 @@ Result<std::vector<Rates>> ComputeMiscalibrationRates(
     SCENECALIB_RETURN_IF_ERROR(CheckImages(rig, images));
     rates.emplace_back(rig.cameras.size());
   }
-  if (map.map_from_lidar.empty()) return rates;
   const Result<RayCaster> surfaces = RayCaster::Create(map);
   if (!surfaces.ok()) return rates;  // hence no point to compare
   MiscalibrationRater rater(map, *surfaces, images, options);

@@ -274,7 +274,7 @@ int Run(const Arguments& arguments) {
 }
 
 /// Images and clouds come and go by the thousand. Memory that was freed stays with the process,
-/// instead of being mapped, cleared and unmapped for each: nearly half of the system's time.
+/// instead of being mapped, cleared and unmapped for each: a fifth of the system's time.
 void KeepFreedMemory() {
 #ifdef __GLIBC__
   constexpr int kMiB = 1 << 20;

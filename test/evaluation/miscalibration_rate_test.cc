@@ -151,6 +151,17 @@ TEST_F(MiscalibrationRates, AMapWithoutSurfacesGivesNone) {
   EXPECT_FALSE(Rate(rig_).has_value());
 }
 
+TEST_F(MiscalibrationRates, AMapWithoutATrajectoryGivesNone) {
+  map_.map_from_lidar = Trajectory();
+  EXPECT_FALSE(Rate(rig_).has_value());
+  const Result<RayCaster> surfaces = RayCaster::Create(map_);
+  ASSERT_TRUE(surfaces.ok());
+  MiscalibrationRater rater(map_, *surfaces, {&images_}, options_);
+  const auto rates = rater.Rate(rig_, false);
+  ASSERT_TRUE(rates.ok());
+  EXPECT_FALSE(rates->at(0).has_value());
+}
+
 TEST_F(MiscalibrationRates, TooFewSharedPointsAreNoEvidence) {
   options_.min_points = 100000;
   EXPECT_FALSE(Rate(rig_).has_value());
