@@ -1,5 +1,7 @@
 #include "patch_sampling.h"
 
+#include <algorithm>
+
 #include "pixel_kernels.h"
 #include "vector_dispatch.h"
 
@@ -76,63 +78,150 @@ void SampleBilinear(const cv::Mat& image, const PatchPixels& pixels, float* valu
 
 #ifdef SCENECALIB_HAS_AVX2_CODE
 
-constexpr int kLanes = 8;
+// Lanes 0 to 3 are neighbours in one row of the patch, 4 to 7 those below them: a quad each.
+constexpr int kQuad = 4;
+/// Quads of a row that are located before the first of them is read: the processor need not wait.
+constexpr int kAtOnce = 8;
+/// A quad is compact when its pixels lie within that many columns and two rows: then they are read
+/// in loads of 16 bytes.
+constexpr int kMaxCompactSpan = 12;
 
-/// Where eight pixels lie in the image: whole pixels and fractions.
+/// Where eight pixels lie in the image.
 struct Lanes {
-  alignas(32) int offset[kLanes];  ///< of the pixel above and to the left, from the image's first
   __m256 fraction_x;
   __m256 fraction_y;
+  alignas(
+      32) int offset[2 * kQuad];  ///< of the pixel above and to the left, from the image's first
+  alignas(32) int quad_offset[2 * kQuad];  ///< of a compact quad's upper left one; all four alike
+  __m256i bytes;                           ///< four for each lane, counted from there
+  __m256i lower;                           ///< whether a lane's first row is the quad's second
 };
 
-/// Of the patch's pixels first..first+7, row by row; those behind the last are the last.
-SCENECALIB_AVX2 inline Lanes LocateLanes(const Warp& warp, const PatchPixels& pixels, int edge,
-                                         int first, int step) {
-  const __m256 number =
-      _mm256_min_ps(_mm256_add_ps(_mm256_set1_ps(static_cast<float>(first)),
-                                  _mm256_setr_ps(0.0F, 1.0F, 2.0F, 3.0F, 4.0F, 5.0F, 6.0F, 7.0F)),
-                    _mm256_set1_ps(static_cast<float>(edge * edge - 1)));
-  // Half a pixel more, so that rounding never ends in the row before.
-  const __m256 row =
-      _mm256_floor_ps(_mm256_mul_ps(_mm256_add_ps(number, _mm256_set1_ps(0.5F)),
-                                    _mm256_set1_ps(1.0F / static_cast<float>(edge))));
-  const __m256 column = _mm256_fnmadd_ps(row, _mm256_set1_ps(static_cast<float>(edge)), number);
-  const __m256 stride = _mm256_set1_ps(static_cast<float>(pixels.stride));
-  const __m256 radius = _mm256_set1_ps(static_cast<float>(pixels.radius_px));
-  const __m256 x = _mm256_fmsub_ps(column, stride, radius);
-  const __m256 y = _mm256_fmsub_ps(row, stride, radius);
-  __m256 at[2];
+SCENECALIB_AVX2 inline __m256 Halves(float first, float second) {
+  return _mm256_set_m128(_mm_set1_ps(second), _mm_set1_ps(first));
+}
+
+/// The warp along two rows of a patch: places are constant + (slope + bend x) x.
+struct RowPair {
+  __m256 constant[2];
+  __m256 slope[2];
+  __m256 bend[2];
+};
+
+SCENECALIB_AVX2 inline RowPair AlongRows(const Warp& warp, float first_y, float second_y) {
+  const __m256 y = Halves(first_y, second_y);
+  RowPair rows;
   for (int k = 0; k < 2; ++k) {
     const Eigen::Matrix<float, 2, 3>& q = warp.quadratic;
-    const __m256 by_x = _mm256_fmadd_ps(
-        _mm256_set1_ps(q(k, 0)), x,
-        _mm256_fmadd_ps(_mm256_set1_ps(q(k, 1)), y, _mm256_set1_ps(warp.affine(k, 0))));
     const __m256 by_y =
         _mm256_fmadd_ps(_mm256_set1_ps(q(k, 2)), y, _mm256_set1_ps(warp.affine(k, 1)));
-    at[k] = _mm256_fmadd_ps(by_x, x, _mm256_fmadd_ps(by_y, y, _mm256_set1_ps(warp.center[k])));
+    rows.constant[k] = _mm256_fmadd_ps(by_y, y, _mm256_set1_ps(warp.center[k]));
+    rows.slope[k] = _mm256_fmadd_ps(_mm256_set1_ps(q(k, 1)), y, _mm256_set1_ps(warp.affine(k, 0)));
+    rows.bend[k] = _mm256_set1_ps(q(k, 0));
   }
-  const __m256i whole_x = _mm256_cvttps_epi32(at[0]);
-  const __m256i whole_y = _mm256_cvttps_epi32(at[1]);
-  Lanes lanes;
-  lanes.fraction_x = _mm256_sub_ps(at[0], _mm256_cvtepi32_ps(whole_x));
-  lanes.fraction_y = _mm256_sub_ps(at[1], _mm256_cvtepi32_ps(whole_y));
-  const __m256i offset =
-      _mm256_add_epi32(_mm256_mullo_epi32(whole_y, _mm256_set1_epi32(step)), whole_x);
-  _mm256_store_si256(reinterpret_cast<__m256i*>(lanes.offset), offset);
-  return lanes;
+  return rows;
 }
 
-/// Four neighbouring pixels of a row for each lane. Single loads: gathering is slower on many
-/// processors.
-SCENECALIB_AVX2 inline __m256i FourPixelsOf(const uchar* origin, const int* offset) {
-  const auto four = [&](int lane) { return static_cast<int>(FourPixels(origin + offset[lane])); };
-  return _mm256_setr_epi32(four(0), four(1), four(2), four(3), four(4), four(5), four(6), four(7));
+/// Returns zero where a quad is compact and its loads end inside the image.
+SCENECALIB_AVX2 inline __m256i LocateLanes(const RowPair& rows, __m256 x, const cv::Mat& image,
+                                           Lanes* lanes) {
+  __m256 at[2];
+  for (int k = 0; k < 2; ++k) {
+    at[k] = _mm256_fmadd_ps(_mm256_fmadd_ps(rows.bend[k], x, rows.slope[k]), x, rows.constant[k]);
+  }
+  const __m256i column = _mm256_cvttps_epi32(at[0]);
+  const __m256i row = _mm256_cvttps_epi32(at[1]);
+  lanes->fraction_x = _mm256_sub_ps(at[0], _mm256_cvtepi32_ps(column));
+  lanes->fraction_y = _mm256_sub_ps(at[1], _mm256_cvtepi32_ps(row));
+  const __m256i step = _mm256_set1_epi32(static_cast<int>(image.step[0]));
+  const __m256i offset = _mm256_add_epi32(_mm256_mullo_epi32(row, step), column);
+  _mm256_store_si256(reinterpret_cast<__m256i*>(lanes->offset), offset);
+
+  constexpr int kFirst = 0x00;  // of four lanes
+  constexpr int kLast = 0xFF;
+  const __m256i left = _mm256_shuffle_epi32(column, kFirst);
+  const __m256i top =
+      _mm256_min_epi32(_mm256_shuffle_epi32(row, kFirst), _mm256_shuffle_epi32(row, kLast));
+  _mm256_store_si256(reinterpret_cast<__m256i*>(lanes->quad_offset),
+                     _mm256_add_epi32(_mm256_mullo_epi32(top, step), left));
+  const __m256i across = _mm256_sub_epi32(column, left);
+  const __m256i down = _mm256_sub_epi32(row, top);
+  const __m256i first_byte_of_each =
+      _mm256_setr_epi8(0, 0, 0, 0, 4, 4, 4, 4, 8, 8, 8, 8, 12, 12, 12, 12, 0, 0, 0, 0, 4, 4, 4, 4,
+                       8, 8, 8, 8, 12, 12, 12, 12);
+  lanes->bytes = _mm256_add_epi8(_mm256_shuffle_epi8(across, first_byte_of_each),
+                                 _mm256_set1_epi32(0x03020100));
+  lanes->lower = _mm256_cmpgt_epi32(down, _mm256_setzero_si256());
+  const __m256i too_wide =
+      _mm256_or_si256(_mm256_cmpgt_epi32(across, _mm256_set1_epi32(kMaxCompactSpan)),
+                      _mm256_cmpgt_epi32(_mm256_setzero_si256(), across));
+  const __m256i too_high = _mm256_andnot_si256(_mm256_set1_epi32(1), down);
+  const __m256i at_border =
+      _mm256_or_si256(_mm256_cmpgt_epi32(left, _mm256_set1_epi32(image.cols - 15)),
+                      _mm256_cmpgt_epi32(top, _mm256_set1_epi32(image.rows - 4)));
+  return _mm256_or_si256(_mm256_or_si256(too_wide, too_high), at_border);
 }
 
-template <int kPixel>
-SCENECALIB_AVX2 inline __m256 PixelOf(__m256i four) {
-  const __m256i shifted = _mm256_srli_epi32(four, 8 * kPixel);
-  return _mm256_cvtepi32_ps(_mm256_and_si256(shifted, _mm256_set1_epi32(255)));
+SCENECALIB_AVX2 inline __m256i BytesOf(const uchar* origin, const Lanes& lanes) {
+  const auto load = [origin](int offset) {
+    return reinterpret_cast<const __m128i*>(origin + offset);
+  };
+  const __m128i first = _mm_loadu_si128(load(lanes.quad_offset[0]));
+  const __m128i second = _mm_loadu_si128(load(lanes.quad_offset[kQuad]));
+  return _mm256_shuffle_epi8(_mm256_inserti128_si256(_mm256_castsi128_si256(first), second, 1),
+                             lanes.bytes);
+}
+
+/// Four neighbouring pixels of kRows rows for each lane, the first at `origin` and the lane's
+/// offset.
+template <int kRows>
+SCENECALIB_AVX2 inline void ReadCompact(const uchar* origin, int step, const Lanes& lanes,
+                                        __m256i* rows) {
+  __m256i upper = BytesOf(origin, lanes);
+  for (int k = 0; k < kRows; ++k) {
+    const __m256i next = BytesOf(origin + (k + 1) * step, lanes);
+    rows[k] = _mm256_blendv_epi8(upper, next, lanes.lower);
+    upper = next;
+  }
+}
+
+/// The same for any lanes. Single loads: gathering is slower on many processors.
+template <int kRows>
+SCENECALIB_AVX2 inline void ReadScattered(const uchar* origin, int step, const Lanes& lanes,
+                                          __m256i* rows) {
+  for (int k = 0; k < kRows; ++k) {
+    const auto four = [&](int lane) {
+      return static_cast<int>(FourPixels(origin + k * step + lanes.offset[lane]));
+    };
+    rows[k] =
+        _mm256_setr_epi32(four(0), four(1), four(2), four(3), four(4), four(5), four(6), four(7));
+  }
+}
+
+/// Weights of a row's four pixels, 16-bit integers: of the first and third, of the other two.
+struct AcrossWeights {
+  __m256i even;
+  __m256i odd;
+};
+
+SCENECALIB_AVX2 inline __m256i ToWhole(__m256 weights) {
+  return _mm256_cvtps_epi32(_mm256_mul_ps(weights, _mm256_set1_ps(SplineTable::kOne)));
+}
+
+/// The second pixel's weight is what the others leave of one.
+SCENECALIB_AVX2 inline AcrossWeights ToPairs(__m256i first, __m256i third, __m256i fourth) {
+  const __m256i others = _mm256_add_epi32(_mm256_add_epi32(first, third), fourth);
+  const __m256i second = _mm256_sub_epi32(_mm256_set1_epi32(SplineTable::kOne), others);
+  return {_mm256_or_si256(first, _mm256_slli_epi32(third, 16)),
+          _mm256_or_si256(second, _mm256_slli_epi32(fourth, 16))};
+}
+
+/// Times SplineTable::kOne.
+SCENECALIB_AVX2 inline __m256 Weigh(__m256i four, const AcrossWeights& weights) {
+  const __m256i even = _mm256_and_si256(four, _mm256_set1_epi32(0x00FF00FF));
+  const __m256i odd = _mm256_srli_epi16(four, 8);
+  return _mm256_cvtepi32_ps(
+      _mm256_add_epi32(_mm256_madd_epi16(even, weights.even), _mm256_madd_epi16(odd, weights.odd)));
 }
 
 SCENECALIB_AVX2 inline void SplineWeightsOf(__m256 t, __m256* weights) {
@@ -149,60 +238,95 @@ SCENECALIB_AVX2 inline void SplineWeightsOf(__m256 t, __m256* weights) {
   weights[3] = _mm256_mul_ps(_mm256_mul_ps(t2, t), sixth);
 }
 
-SCENECALIB_AVX2 inline void Store(__m256 lanes, int count, float* values) {
-  if (count >= kLanes) {
-    _mm256_storeu_ps(values, lanes);
-    return;
-  }
-  alignas(32) float all[kLanes];
-  _mm256_store_ps(all, lanes);
-  for (int i = 0; i < count; ++i) values[i] = all[i];
-}
+struct SmoothReading {
+  static constexpr PatchReading kReading = PatchReading::kSmooth;
+  static constexpr int kRows = 4;
+  static constexpr int kFirstRow = -1;
 
-int EdgeOf(const PatchPixels& pixels) { return 2 * pixels.radius_px / pixels.stride + 1; }
-
-SCENECALIB_AVX2 void SampleSmoothAvx2(const cv::Mat& image, const PatchPixels& pixels,
-                                      float* values) {
-  const Warp warp(pixels.warp);
-  const int edge = EdgeOf(pixels);
-  const auto step = static_cast<int>(image.step[0]);
-  for (int i = 0; i < edge * edge; i += kLanes) {
-    const Lanes lanes = LocateLanes(warp, pixels, edge, i, step);
+  SCENECALIB_AVX2 static __m256 Value(const __m256i* rows, const Lanes& lanes) {
     __m256 across[4], down[4];
     SplineWeightsOf(lanes.fraction_x, across);
     SplineWeightsOf(lanes.fraction_y, down);
-    __m256 sum = _mm256_setzero_ps();
-    for (int k = 0; k < 4; ++k) {
-      const __m256i four = FourPixelsOf(image.data + (k - 1) * step - 1, lanes.offset);
-      __m256 row = _mm256_mul_ps(across[0], PixelOf<0>(four));
-      row = _mm256_fmadd_ps(across[1], PixelOf<1>(four), row);
-      row = _mm256_fmadd_ps(across[2], PixelOf<2>(four), row);
-      row = _mm256_fmadd_ps(across[3], PixelOf<3>(four), row);
-      sum = _mm256_fmadd_ps(down[k], row, sum);
-    }
-    Store(sum, edge * edge - i, values + i);
+    const AcrossWeights weights =
+        ToPairs(ToWhole(across[0]), ToWhole(across[2]), ToWhole(across[3]));
+    __m256 sum = _mm256_mul_ps(down[0], Weigh(rows[0], weights));
+    for (int k = 1; k < 4; ++k) sum = _mm256_fmadd_ps(down[k], Weigh(rows[k], weights), sum);
+    return sum;
   }
+};
+
+/// Between the second and the third pixel of its rows.
+struct BilinearReading {
+  static constexpr PatchReading kReading = PatchReading::kBilinear;
+  static constexpr int kRows = 2;
+  static constexpr int kFirstRow = 0;
+
+  SCENECALIB_AVX2 static __m256 Value(const __m256i* rows, const Lanes& lanes) {
+    const __m256i none = _mm256_setzero_si256();
+    const AcrossWeights weights = ToPairs(none, ToWhole(lanes.fraction_x), none);
+    const __m256 top = Weigh(rows[0], weights);
+    const __m256 bottom = Weigh(rows[1], weights);
+    return _mm256_fmadd_ps(lanes.fraction_y, _mm256_sub_ps(bottom, top), top);
+  }
+};
+
+/// Eight pixels at a time. Where a row ends between quads its last ones are read twice.
+template <typename Reading>
+SCENECALIB_AVX2 void SampleAvx2(const cv::Mat& image, const PatchPixels& pixels, float* values) {
+  const Warp warp(pixels.warp);
+  const int edge = 2 * pixels.radius_px / pixels.stride + 1;
+  if (edge < kQuad) {
+    PortableSampler(Reading::kReading)(image, pixels, values);
+    return;
+  }
+  const auto step = static_cast<int>(image.step[0]);
+  const uchar* origin = image.data + Reading::kFirstRow * step - 1;
+  const __m256 unit = _mm256_set1_ps(1.0F / SplineTable::kOne);
+  const __m256 stride = _mm256_set1_ps(static_cast<float>(pixels.stride));
+  const __m256 radius = _mm256_set1_ps(static_cast<float>(pixels.radius_px));
+  const __m256 in_quad = _mm256_setr_ps(0.0F, 1.0F, 2.0F, 3.0F, 0.0F, 1.0F, 2.0F, 3.0F);
+  const int num_quads = (edge + kQuad - 1) / kQuad;
+  Lanes lanes[kAtOnce];
+  for (int row = 0; row < edge; row += 2) {
+    const int below = std::min(row + 1, edge - 1);
+    const RowPair rows = AlongRows(warp, static_cast<float>(row * pixels.stride - pixels.radius_px),
+                                   static_cast<float>(below * pixels.stride - pixels.radius_px));
+    for (int first = 0; first < num_quads; first += kAtOnce) {
+      const int count = std::min(kAtOnce, num_quads - first);
+      const auto column_of = [&](int i) { return std::min((first + i) * kQuad, edge - kQuad); };
+      __m256i scattered = _mm256_setzero_si256();
+      for (int i = 0; i < count; ++i) {
+        const __m256 column =
+            _mm256_add_ps(in_quad, _mm256_set1_ps(static_cast<float>(column_of(i))));
+        scattered = _mm256_or_si256(
+            scattered,
+            LocateLanes(rows, _mm256_fmsub_ps(column, stride, radius), image, &lanes[i]));
+      }
+      const bool compact = _mm256_testz_si256(scattered, scattered) != 0;
+      for (int i = 0; i < count; ++i) {
+        __m256i four[Reading::kRows];
+        if (compact) {
+          ReadCompact<Reading::kRows>(origin, step, lanes[i], four);
+        } else {
+          ReadScattered<Reading::kRows>(origin, step, lanes[i], four);
+        }
+        const __m256 value = _mm256_mul_ps(unit, Reading::Value(four, lanes[i]));
+        float* target = values + column_of(i);
+        _mm_storeu_ps(target + row * edge, _mm256_castps256_ps128(value));
+        _mm_storeu_ps(target + below * edge, _mm256_extractf128_ps(value, 1));
+      }
+    }
+  }
+}
+
+SCENECALIB_AVX2 void SampleSmoothAvx2(const cv::Mat& image, const PatchPixels& pixels,
+                                      float* values) {
+  SampleAvx2<SmoothReading>(image, pixels, values);
 }
 
 SCENECALIB_AVX2 void SampleBilinearAvx2(const cv::Mat& image, const PatchPixels& pixels,
                                         float* values) {
-  const Warp warp(pixels.warp);
-  const int edge = EdgeOf(pixels);
-  const auto step = static_cast<int>(image.step[0]);
-  for (int i = 0; i < edge * edge; i += kLanes) {
-    const Lanes lanes = LocateLanes(warp, pixels, edge, i, step);
-    // One pixel further left than needed: what is read must end inside the image.
-    const __m256i above = FourPixelsOf(image.data - 1, lanes.offset);
-    const __m256i below = FourPixelsOf(image.data + step - 1, lanes.offset);
-    const __m256 left = PixelOf<1>(above);
-    const __m256 top =
-        _mm256_fmadd_ps(lanes.fraction_x, _mm256_sub_ps(PixelOf<2>(above), left), left);
-    const __m256 left_below = PixelOf<1>(below);
-    const __m256 bottom =
-        _mm256_fmadd_ps(lanes.fraction_x, _mm256_sub_ps(PixelOf<2>(below), left_below), left_below);
-    Store(_mm256_fmadd_ps(lanes.fraction_y, _mm256_sub_ps(bottom, top), top), edge * edge - i,
-          values + i);
-  }
+  SampleAvx2<BilinearReading>(image, pixels, values);
 }
 
 #endif  // SCENECALIB_HAS_AVX2_CODE
