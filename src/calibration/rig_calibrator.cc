@@ -1,6 +1,7 @@
 #include "scenecalib/calibration/rig_calibrator.h"
 
 #include <tbb/parallel_for.h>
+#include <tbb/parallel_invoke.h>
 
 #include <algorithm>
 #include <cmath>
@@ -268,7 +269,8 @@ Result<RigCalibration> CalibrateRig(const Rig& initial, const SceneMap& map,
                                     const RayCaster& surfaces,
                                     const std::vector<CameraSegment>& segments,
                                     const CalibrationOptions& options,
-                                    const ProgressCallback& progress) {
+                                    const ProgressCallback& progress,
+                                    const WorkBeside& beside_joint) {
   if (segments.size() != initial.cameras.size()) {
     return Status::InvalidArgument("there must be one segment of tracks per camera");
   }
@@ -315,9 +317,18 @@ Result<RigCalibration> CalibrateRig(const Rig& initial, const SceneMap& map,
   }
 
   RoundCounter joint_rounds(progress, "calibration: joint", NumJointRounds(options));
-  const Result<JointCalibration> joint = CalibrateJointly(
-      joint_cameras, map.map_from_lidar, surfaces, CorrectionPriorOf(map, options.joint), options,
-      [&joint_rounds] { return joint_rounds.Tick(); });
+  Result<JointCalibration> joint = Status::Cancelled("not begun");
+  std::atomic<bool> failed{false};
+  tbb::parallel_invoke(
+      [&] {
+        joint = CalibrateJointly(joint_cameras, map.map_from_lidar, surfaces,
+                                 CorrectionPriorOf(map, options.joint), options,
+                                 [&joint_rounds] { return joint_rounds.Tick(); });
+        failed = !joint.ok();
+      },
+      [&] {
+        if (beside_joint) beside_joint(failed);
+      });
   if (!joint.ok()) return joint.status();
   calibration.evidence.cameras.resize(num_cameras);
   for (int c = 0; c < num_cameras; ++c) {

@@ -1,7 +1,6 @@
 #include "scenecalib/pipeline/calibration_pipeline.h"
 
 #include <tbb/global_control.h>
-#include <tbb/parallel_invoke.h>
 #include <tbb/task_group.h>
 
 #include <algorithm>
@@ -259,15 +258,10 @@ Result<RigCalibration> CalibrateSegments(const Rig& initial, const SceneMap& map
   const Result<RayCaster> surfaces = RayCaster::Create(map);
   if (!surfaces.ok()) return with_refusals(surfaces.status());
   MiscalibrationRater rater(map, *surfaces, ImagesOf(segments), miscalibration);
-  std::atomic<bool> cancelled{false};
   Result<Rates> before = Status::Cancelled("not rated");
-  Result<RigCalibration> calibration = Status::Cancelled("not calibrated");
-  tbb::parallel_invoke(  // the calibration's solves leave processors idle
-      [&] {
-        calibration = CalibrateRig(initial, map, *surfaces, segments, options, progress);
-        cancelled = !calibration.ok();
-      },
-      [&] { before = rater.Rate(initial, cancelled); });
+  Result<RigCalibration> calibration =
+      CalibrateRig(initial, map, *surfaces, segments, options, progress,
+                   [&](const std::atomic<bool>& failed) { before = rater.Rate(initial, failed); });
   if (!calibration.ok()) return with_refusals(calibration.status());
   if (!before.ok()) return before.status();
   for (std::size_t i = 0; i < refusals.size(); ++i) {
@@ -275,7 +269,7 @@ Result<RigCalibration> CalibrateSegments(const Rig& initial, const SceneMap& map
     std::vector<std::string>& reasons = calibration->result.cameras[i].reasons;
     reasons.insert(reasons.begin(), refusals[i]);
   }
-  const Result<Rates> after = rater.Rate(calibration->result.rig, cancelled);
+  const Result<Rates> after = rater.Rate(calibration->result.rig, std::atomic<bool>(false));
   if (!after.ok()) return after.status();
   EnterRates(*before, *after, &calibration->result);
   return calibration;

@@ -3,7 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <array>
+#include <atomic>
+#include <chrono>
 #include <numeric>
+#include <string>
+#include <thread>
 
 #include "scenecalib/calibration/camera_calibration.h"
 #include "scenecalib/mapping/ray_caster.h"
@@ -438,6 +442,43 @@ TEST(RigCalibrator, CanBeCancelled) {
                                         [](const Progress&) { return false; });
   ASSERT_FALSE(calibration.ok());
   EXPECT_EQ(calibration.status().code(), Status::Code::kCancelled);
+}
+
+TEST(RigCalibrator, WorkBesideTheJointRoundsHearsThatTheyFailed) {
+  if (std::thread::hardware_concurrency() < 2) GTEST_SKIP() << "nothing runs beside anything here";
+  const CanyonScene scene = MakeCanyonScene(TwoCameras(), {});
+  const Result<RayCaster> surfaces = RayCaster::Create(scene.map);
+  ASSERT_TRUE(surfaces.ok());
+  const auto until_joint = [](const Progress& progress) {
+    return progress.stage.find("joint") == std::string::npos;
+  };
+  bool has_heard = false;
+  const auto beside = [&has_heard](const std::atomic<bool>& cancelled) {
+    const auto end = std::chrono::steady_clock::now() + std::chrono::minutes(1);
+    while (!cancelled && std::chrono::steady_clock::now() < end) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    }
+    has_heard = cancelled;
+  };
+  const auto calibration = CalibrateRig(scene.rig, scene.map, *surfaces, scene.segments,
+                                        HeldIntrinsics(), until_joint, beside);
+  EXPECT_EQ(calibration.status().code(), Status::Code::kCancelled);
+  EXPECT_TRUE(has_heard);
+}
+
+TEST(RigCalibrator, WorkBesideEndsBeforeTheCalibration) {
+  const CanyonScene scene = MakeCanyonScene(TwoCameras(), {});
+  const Result<RayCaster> surfaces = RayCaster::Create(scene.map);
+  ASSERT_TRUE(surfaces.ok());
+  bool was_cancelled = true;
+  const auto calibration =
+      CalibrateRig(scene.rig, scene.map, *surfaces, scene.segments, HeldIntrinsics(), {},
+                   [&was_cancelled](const std::atomic<bool>& cancelled) {
+                     std::this_thread::sleep_for(std::chrono::milliseconds(20));
+                     was_cancelled = cancelled;
+                   });
+  EXPECT_TRUE(calibration.ok());
+  EXPECT_FALSE(was_cancelled);
 }
 
 TEST(RigCalibrator, EmptyMapIsRefused) {

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <atomic>
+#include <functional>
 #include <vector>
 
 #include "scenecalib/base/progress.h"
@@ -36,11 +38,18 @@ Result<RigCalibration> CalibrateRig(const Rig& initial, const SceneMap& map,
                                     const CalibrationOptions& options,
                                     const ProgressCallback& progress);
 
-/// The same where the map's surfaces are at hand already.
+/// Work of the caller's that takes processors which a solve leaves idle; it stops when `cancelled`
+/// becomes true.
+using WorkBeside = std::function<void(const std::atomic<bool>& cancelled)>;
+
+/// The same where the map's surfaces are at hand already. `beside_joint`, where given, runs beside
+/// the joint rounds, is told when they failed, and has ended when this returns; it does not run
+/// when no camera comes that far.
 Result<RigCalibration> CalibrateRig(const Rig& initial, const SceneMap& map,
                                     const RayCaster& surfaces,
                                     const std::vector<CameraSegment>& segments,
                                     const CalibrationOptions& options,
-                                    const ProgressCallback& progress);
+                                    const ProgressCallback& progress,
+                                    const WorkBeside& beside_joint = {});
 
 }  // namespace scenecalib
