@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "bench/lidar_arguments.h"
@@ -30,6 +31,7 @@ struct Arguments {
   std::vector<int> seeds = {1};
   DriveSpec drive;
   std::string config;
+  std::vector<std::string> variants;
   bool true_trajectory = false;
   bool true_intrinsics = false;
   bool alone = false;
@@ -163,6 +165,25 @@ Status Report(const SimulatedDrive& drive, const Arguments& arguments,
   return Status::Ok();
 }
 
+/// The same map and tracks calibrated again with the options of each variant.
+Status ReportVariants(const SimulatedDrive& drive, const Arguments& arguments,
+                      const PipelineOptions& options, const PipelineResult& result) {
+  for (const std::string& variant : arguments.variants) {
+    PipelineOptions changed = options;
+    SCENECALIB_RETURN_IF_ERROR(ReadOptionsYaml(variant, &changed));
+    changed.miscalibration.num_times = 0;
+    Result<RigCalibration> calibration =
+        CalibrateSegments(result.initial_rig, result.mapping.map, result.segments, result.refusals,
+                          changed.calibration, changed.miscalibration, {});
+    if (!calibration.ok()) return calibration.status();
+    PipelineResult other;
+    other.calibration = std::move(calibration).value();
+    std::printf("variant %s\n", variant.c_str());
+    SCENECALIB_RETURN_IF_ERROR(Report(drive, arguments, other));
+  }
+  return Status::Ok();
+}
+
 Status Run(const DriveSpec& spec, const Arguments& arguments) {
   PipelineOptions options;
   if (!arguments.config.empty()) {
@@ -194,6 +215,7 @@ Status Run(const DriveSpec& spec, const Arguments& arguments) {
               arguments.true_trajectory ? ", true trajectory" : "",
               arguments.true_intrinsics ? ", true intrinsics held" : "");
   SCENECALIB_RETURN_IF_ERROR(Report(*drive, arguments, *result));
+  SCENECALIB_RETURN_IF_ERROR(ReportVariants(*drive, arguments, options, *result));
   if (!arguments.alone) return Status::Ok();
   const Result<Rig> alone = CalibrateAlone(*result, options.calibration);
   if (!alone.ok()) return alone.status();
@@ -218,6 +240,9 @@ int main(int argc, char** argv) {
   app.add_option("--start-deg", arguments.drive.start.rotation_deg, "initial error per axis");
   app.add_option("--start-m", arguments.drive.start.translation_m, "initial error per axis");
   app.add_option("--config", arguments.config, "options of the pipeline, YAML");
+  app.add_option("--variant", arguments.variants,
+                 "also calibrate the same map and tracks with the calibration's options of this "
+                 "file; repeatable");
   app.add_option("--cache", arguments.drive.cache_directory, "directory to keep the drives in");
   app.add_flag("--true-trajectory", arguments.true_trajectory, "instead of the estimated one");
   app.add_flag("--true-intrinsics", arguments.true_intrinsics, "given and held");
