@@ -90,11 +90,12 @@ constexpr int kMaxCompactSpan = 12;
 struct Lanes {
   __m256 fraction_x;
   __m256 fraction_y;
-  alignas(
-      32) int offset[2 * kQuad];  ///< of the pixel above and to the left, from the image's first
-  alignas(32) int quad_offset[2 * kQuad];  ///< of a compact quad's upper left one; all four alike
-  __m256i bytes;                           ///< four for each lane, counted from there
-  __m256i lower;                           ///< whether a lane's first row is the quad's second
+  /// Of the pixel above and to the left, from the image's first.
+  alignas(32) int offset[2 * kQuad];
+  /// Of a compact quad's upper left one; all four alike.
+  alignas(32) int quad_offset[2 * kQuad];
+  __m256i bytes;  ///< four for each lane, counted from there
+  __m256i lower;  ///< whether a lane's first row is the quad's second
 };
 
 SCENECALIB_AVX2 inline __m256 Halves(float first, float second) {
@@ -156,6 +157,7 @@ SCENECALIB_AVX2 inline __m256i LocateLanes(const RowPair& rows, __m256 x, const 
       _mm256_or_si256(_mm256_cmpgt_epi32(across, _mm256_set1_epi32(kMaxCompactSpan)),
                       _mm256_cmpgt_epi32(_mm256_setzero_si256(), across));
   const __m256i too_high = _mm256_andnot_si256(_mm256_set1_epi32(1), down);
+  // Loads begin one pixel to the left and one row above, and five rows are read.
   const __m256i at_border =
       _mm256_or_si256(_mm256_cmpgt_epi32(left, _mm256_set1_epi32(image.cols - 15)),
                       _mm256_cmpgt_epi32(top, _mm256_set1_epi32(image.rows - 4)));
