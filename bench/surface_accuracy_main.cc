@@ -1,8 +1,6 @@
 // Accuracy of the surfaces against the simulator's exact truth: points and normals of ground and
 // surfels, and the rays of the rig's pixels as association casts them.
 
-#include <tbb/parallel_for.h>
-
 #include <CLI/CLI.hpp>
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
@@ -10,7 +8,6 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
-#include <ctime>
 #include <fstream>
 #include <map>
 #include <string>
@@ -57,8 +54,6 @@ struct Errors {
     if (error_m > kGross_m) ++num_gross;
   }
 };
-
-double CpuSeconds() { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
 
 void Print(const std::string& name, const Errors& errors, double of_all) {
   const auto count = static_cast<double>(errors.distance_m.size());
@@ -160,12 +155,14 @@ void ReportPoints(const Simulator& simulator, const SceneMap& map, const Rigid3&
   for (const auto& [name, errors] : classes) Print(name, errors, 0.0);
 }
 
-/// One pixel's ray, its hit and its truth.
+/// One pixel's ray, its hit and its truth. The truth is laid into the map by the lidar's poses at the
+/// ray's time, true and estimated: as the camera sees it, drift over the drive does not count.
 struct PixelRay {
   int camera = 0;
   int image = 0;
   Eigen::Vector2d pixel;
   Ray ray;
+  Rigid3 map_from_lidar;
   ScenePoint truth;
   Eigen::Vector3d true_point_in_map_m;
   Eigen::Vector3d true_normal_in_map;
@@ -175,7 +172,7 @@ struct PixelRay {
 /// Rays of a grid of pixels of all cameras. Left out: the sky, what is beyond association's range,
 /// the own vehicle and what moves.
 std::vector<PixelRay> PixelRays(const SimulatedDrive& drive, const Trajectory& map_from_lidar,
-                                const Rigid3& map_from_world, const Arguments& arguments) {
+                                const Arguments& arguments) {
   const Simulator& simulator = drive.simulator();
   const AssociationOptions association;
   std::vector<PixelRay> rays;
@@ -183,7 +180,9 @@ std::vector<PixelRay> PixelRays(const SimulatedDrive& drive, const Trajectory& m
     if (item.kind != MeasurementKind::kImage || item.index % arguments.image_step != 0) continue;
     const CameraConfig& config = drive.rig().cameras[item.camera];
     const auto pose = map_from_lidar.Interpolate(item.exposure_ns);
-    if (!pose) continue;
+    const auto true_pose = simulator.true_map_from_lidar().Interpolate(item.exposure_ns);
+    if (!pose || !true_pose) continue;
+    const Rigid3 map_from_world = *pose * true_pose->Inverse();
     const Rigid3 map_from_camera = *pose * config.lidar_from_camera;
     const int first = arguments.pixel_step / 2;
     for (int v = first; v < config.model->height_px(); v += arguments.pixel_step) {
@@ -200,6 +199,7 @@ std::vector<PixelRay> PixelRays(const SimulatedDrive& drive, const Trajectory& m
         ray.image = item.index;
         ray.pixel = pixel;
         ray.ray = {map_from_camera.translation, map_from_camera.rotation * *direction};
+        ray.map_from_lidar = *pose;
         ray.truth = *truth;
         ray.true_point_in_map_m = map_from_world * truth->point_in_map_m;
         ray.true_normal_in_map = map_from_world.rotation * truth->normal_in_map;
@@ -214,6 +214,39 @@ std::vector<PixelRay> PixelRays(const SimulatedDrive& drive, const Trajectory& m
   }
   return rays;
 }
+
+/// The motion of the vehicle, a shift and a turn in the lidar's axes, that explains best how far the
+/// surfaces lie off: what all cameras would have in common if their tracks were exact. Near surfaces
+/// count most, as tracks locate them best.
+class CommonShift {
+ public:
+  void Add(const PixelRay& ray, const RayHit& hit, double error_m) {
+    constexpr double kNear_m = 10.0;
+    constexpr double kGood_m = 0.005;
+    const Rigid3 lidar_from_map = ray.map_from_lidar.Inverse();
+    const Eigen::Vector3d normal = lidar_from_map.rotation * hit.normal_in_map;
+    Vector6 design;
+    design << normal, (lidar_from_map * hit.point_in_map_m).cross(normal);
+    const double relative = hit.range_m / kNear_m;
+    const double robust = 1.0 + error_m * error_m / (kGood_m * kGood_m);
+    const double weight = 1.0 / ((1.0 + relative * relative * relative * relative) * robust);
+    information_ += weight * design * design.transpose();
+    gradient_ += weight * design * error_m;
+  }
+
+  void Print(const std::string& name) const {
+    const Vector6 shift = information_.ldlt().solve(gradient_);
+    std::printf("  %-26s forward %+.2f  left %+.2f  up %+.2f mm  roll %+.4f  pitch %+.4f  yaw "
+                "%+.4f deg\n",
+                name.c_str(), 1e3 * shift[0], 1e3 * shift[1], 1e3 * shift[2], kDegrees * shift[3],
+                kDegrees * shift[4], kDegrees * shift[5]);
+  }
+
+ private:
+  using Vector6 = Eigen::Matrix<double, 6, 1>;
+  Eigen::Matrix<double, 6, 6> information_ = Eigen::Matrix<double, 6, 6>::Zero();
+  Vector6 gradient_ = Vector6::Zero();
+};
 
 /// world, camera, image, pixel, ground, index, scale, thickness, points, radius, incidence (rad),
 /// range, true range, error, error of the normal (deg), at an edge, true object, planar.
@@ -237,6 +270,8 @@ void ReportRays(const std::vector<PixelRay>& rays, const SceneMap& map, std::ofs
   for (const PixelRay& ray : rays) queries.push_back(ray.ray);
   const auto hits = caster->Cast(queries, association.max_range_m);
   std::map<std::string, Errors> classes;
+  CommonShift shift;
+  std::map<int, CommonShift> shift_of_camera;
   int num_missed = 0;
   int num_grazing = 0;
   int num_not_planar = 0;
@@ -245,8 +280,9 @@ void ReportRays(const std::vector<PixelRay>& rays, const SceneMap& map, std::ofs
     const auto& hit = hits[i];
     if (!hit) ++num_missed;
     if (!hit) continue;
-    const double error_m =
-        std::abs(hit->normal_in_map.dot(hit->point_in_map_m - ray.true_point_in_map_m));
+    const double signed_m =
+        hit->normal_in_map.dot(hit->point_in_map_m - ray.true_point_in_map_m);
+    const double error_m = std::abs(signed_m);
     const double angle_deg = AngleDeg(hit->normal_in_map, ray.true_normal_in_map);
     if (csv->is_open()) WriteLine(world, ray, *hit, map, error_m, angle_deg, csv);
     if (!hit->planar || hit->thickness_m > association.max_thickness_m) {
@@ -256,6 +292,10 @@ void ReportRays(const std::vector<PixelRay>& rays, const SceneMap& map, std::ofs
     if (kDegrees * hit->incidence_angle_rad > association.max_incidence_deg) {
       ++num_grazing;
       continue;
+    }
+    if (error_m < kGross_m) {
+      shift.Add(ray, *hit, signed_m);
+      shift_of_camera[ray.camera].Add(ray, *hit, signed_m);
     }
     char scale[40];
     std::snprintf(scale, sizeof(scale), "surfels of %.1f m", hit->scale_m);
@@ -272,42 +312,13 @@ void ReportRays(const std::vector<PixelRay>& rays, const SceneMap& map, std::ofs
       num_rays, 100.0 * num_missed / num_rays, 100.0 * num_not_planar / num_rays,
       100.0 * num_grazing / num_rays);
   for (const auto& [name, errors] : classes) Print(name, errors, num_rays);
-}
-
-/// The scans placed by the true trajectory: the surfaces' own share of the error.
-std::vector<RegisteredScan> RegisterByTruth(const SimulatedDrive& drive) {
-  const Trajectory& truth = drive.simulator().true_map_from_lidar();
-  std::vector<RegisteredScan> scans(drive.num_scans());
-  for (int i = 0; i < drive.num_scans(); ++i) {
-    const LidarScan scan = drive.Scan(i);
-    scans[i].stamp_ns = scan.stamp_ns;
-    scans[i].points.resize(scan.points.size());
-    tbb::parallel_for(std::size_t{0}, scan.points.size(), [&](std::size_t k) {
-      const LidarPoint& point = scan.points[k];
-      const auto pose = truth.Interpolate(AddSeconds(scan.stamp_ns, point.time_offset_s));
-      scans[i].points[k] = {(*pose * point.position_in_lidar_m.cast<double>()).cast<float>(),
-                            point.time_offset_s, point.intensity};
-    });
-    scans[i].lidar_in_map_m = truth.Interpolate(AddSeconds(scan.stamp_ns, 0.05))->translation;
+  shift.Print("vehicle shifted by");
+  for (const auto& [camera, its] : shift_of_camera) {
+    its.Print("  seen by camera " + std::to_string(camera));
   }
-  return scans;
 }
 
 Result<SceneMap> MapDrive(const SimulatedDrive& drive, bool true_trajectory) {
-  SceneMap map;
-  if (true_trajectory) {
-    const std::vector<RegisteredScan> scans = RegisterByTruth(drive);
-    const double before_s = CpuSeconds();
-    Result<Surfaces> surfaces = BuildSurfaces(scans, SurfaceOptions(), {});
-    if (!surfaces.ok()) return surfaces.status();
-    std::printf("  surfaces built in %.1f CPU s: %zu triangles, %zu surfels\n",
-                CpuSeconds() - before_s, surfaces->ground.triangles.size(),
-                surfaces->surfels.size());
-    map.map_from_lidar = drive.simulator().true_map_from_lidar();
-    map.ground = std::move(surfaces->ground);
-    map.surfels = std::move(surfaces->surfels);
-    return map;
-  }
   SegmentMapper mapper(drive.rig(), MappingOptions());
   for (const ImuSample& sample : drive.imu()) mapper.AddImu(sample);
   for (const OdometrySample& sample : drive.odometry()) mapper.AddOdometry(sample);
@@ -315,7 +326,10 @@ Result<SceneMap> MapDrive(const SimulatedDrive& drive, bool true_trajectory) {
     const auto registration = mapper.AddScan(drive.Scan(i));
     if (!registration.ok()) std::printf("  %s\n", registration.status().message().c_str());
   }
-  Result<MappingResult> result = mapper.BuildMap({});
+  Result<MappingResult> result =
+      true_trajectory
+          ? mapper.BuildMapWithTrajectory(drive.simulator().true_map_from_lidar(), {})
+          : mapper.BuildMap({});
   if (!result.ok()) return result.status();
   return std::move(result->map);
 }
@@ -330,8 +344,7 @@ Status Run(const Arguments& arguments, std::ofstream* csv) {
   const Rigid3 world_from_map =
       AlignMaps(drive->simulator().true_map_from_lidar(), map->map_from_lidar);
   ReportPoints(drive->simulator(), *map, world_from_map);
-  ReportRays(PixelRays(*drive, map->map_from_lidar, world_from_map.Inverse(), arguments), *map, csv,
-             arguments.drive.world);
+  ReportRays(PixelRays(*drive, map->map_from_lidar, arguments), *map, csv, arguments.drive.world);
   std::fflush(stdout);
   return Status::Ok();
 }
@@ -344,12 +357,13 @@ int main(int argc, char** argv) {
   scenecalib::Arguments arguments;
   app.add_option("--world", arguments.worlds, scenecalib::KnownWorldKinds());
   app.add_option("--seed", arguments.seeds, "of the worlds and drives");
+  app.add_option("--rig", arguments.drive.rig, "rig file (default: the built-in rig)");
   app.add_option("--drive", arguments.drive.drive, "turns, gentle or straight");
   app.add_option("--duration", arguments.drive.duration_s, "seconds");
   app.add_option("--speed", arguments.drive.speed_m_s, "mean, m/s");
   scenecalib::AddLidarArguments(&app, &arguments.drive.lidar);
   app.add_option("--cache", arguments.drive.cache_directory, "directory to keep the scans in");
-  app.add_flag("--true-trajectory", arguments.true_trajectory, "place the scans by the truth");
+  app.add_flag("--true-trajectory", arguments.true_trajectory, "instead of the estimated one");
   app.add_option("--pixel-step", arguments.pixel_step, "every so many pixels have their ray cast");
   app.add_option("--image-step", arguments.image_step, "of every so many images");
   app.add_option("--rays", arguments.rays_csv, "file for a line per accepted ray");
