@@ -94,6 +94,13 @@ void LaserCorrection::Add(const Eigen::VectorXd& step) {
   }
 }
 
+void LaserCorrection::Shrink(const Errors& unreal) {
+  const Eigen::Array3d squares = RootMeanSquare().array().square();
+  const Eigen::Array3d of_both = squares + unreal.array().square();
+  const Errors kept = (of_both > 0.0).select(squares / of_both, 0.0);
+  for (Node& node : nodes_) node.errors = kept.cwiseProduct(node.errors);
+}
+
 LaserCorrection::Place LaserCorrection::PlaceOf(const Eigen::Vector3d& point_in_lidar_m) const {
   const double range_m = point_in_lidar_m.norm();
   const double sine = range_m > 0.0 ? point_in_lidar_m.z() / range_m : 0.0;

@@ -168,7 +168,7 @@ void RefinementSystem::AddPrior(int unknown, double residual, double weight) {
 void RefinementSystem::AddLaserPriors(const LaserCorrection& lasers, double share_of_information) {
   // Means over all points: the sensor's frame is about its lasers' mean, and a turn about its axis
   // is no error.
-  const LaserCorrection::Errors mean_sigma(1e-4, 1e-6, 1e-6);  // m, rad, rad
+  const LaserCorrection::Errors mean_sigma(2e-6, 1e-6, 1e-6);  // m, rad, rad
   const auto& nodes = lasers.nodes();
   Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
   for (const auto& node : band_.lasers) information += node[0];

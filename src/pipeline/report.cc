@@ -139,8 +139,10 @@ std::vector<std::string> Facts(const PipelineResult& result) {
 }  // namespace
 
 std::string DescribeLasers(const MappingReport& report) {
-  if (report.laser_range_m == 0.0) return "lasers: as the lidar reports them";
   constexpr double kDegrees = 180.0 / M_PI;
+  if (report.laser_range_m < 5e-5 && kDegrees * report.laser_elevation_rad < 5e-4) {
+    return "lasers: as the lidar reports them";
+  }
   return Format("lasers: corrected by %.1f mm and %.3f deg in elevation (RMS)",
                 1e3 * report.laser_range_m, kDegrees * report.laser_elevation_rad);
 }

@@ -85,5 +85,23 @@ TEST(LaserCorrection, MovesPointsByRangeAndAnglesOfTheirLaser) {
   EXPECT_NEAR(lasers.MeanSigma()[0], 0.01, 1e-3);
 }
 
+TEST(LaserCorrection, ShrinksWhatIsNoMoreThanTheScenes) {
+  const PackedScan scan = ScanAt({-10.0, 0.0, 5.0});
+  LaserCorrection lasers({&scan});
+  Eigen::VectorXd step = Eigen::VectorXd::Zero(9);
+  for (int node = 0; node < 3; ++node) {
+    step[3 * node] = node % 2 == 0 ? 0.003 : -0.003;
+    step[3 * node + 1] = node % 2 == 0 ? 1e-5 : -1e-5;
+  }
+  lasers.Add(step);
+  lasers.Shrink({0.001, 3e-5, 0.0});
+  for (std::size_t node = 0; node < 3; ++node) {
+    const double sign = node % 2 == 0 ? 1.0 : -1.0;
+    EXPECT_NEAR(lasers.nodes()[node].errors[0], 0.9 * sign * 0.003, 1e-9);
+    EXPECT_NEAR(lasers.nodes()[node].errors[1], 0.1 * sign * 1e-5, 1e-12);
+    EXPECT_EQ(lasers.nodes()[node].errors[2], 0.0);  // nothing found, nothing unreal
+  }
+}
+
 }  // namespace
 }  // namespace scenecalib

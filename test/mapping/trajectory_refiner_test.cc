@@ -102,6 +102,12 @@ TEST(TrajectoryRefiner, StatesARelativeMotionErrorOfTheRightSize) {
   }
 }
 
+double MeanRange_m(const LaserCorrection& lasers) {
+  double mean_m = 0.0;
+  for (const LaserCorrection::Node& node : lasers.nodes()) mean_m += node.share * node.errors[0];
+  return mean_m;
+}
+
 TEST(TrajectoryRefiner, FindsWhatLasersAreOffBy) {
   SyntheticDrive drive;
   drive.ring_range_m = 0.02;
@@ -117,6 +123,7 @@ TEST(TrajectoryRefiner, FindsWhatLasersAreOffBy) {
   }
   // What is to be added is what was measured too much, taken away.
   EXPECT_NEAR(sum, -0.02, 0.008);
+  EXPECT_NEAR(MeanRange_m(result->lasers), 0.0, 5e-6);
 
   fixture.options.estimate_lasers = false;
   const auto without = fixture.Refine();
@@ -139,10 +146,11 @@ TEST(EstimateLasers, FindsWhatTheyAreOffByOnAKnownTrajectory) {
     sum += (i % 2 == 0 ? 1.0 : -1.0) * lasers->nodes()[i].errors / 24.0;
   }
   EXPECT_NEAR(sum[0], -0.02, 0.004);
+  EXPECT_NEAR(MeanRange_m(*lasers), 0.0, 5e-6);
   const auto right = Fixture(0.0).LasersOfTrueTrajectory();
   ASSERT_TRUE(right.ok()) << right.status().message();
-  EXPECT_LT(right->RootMeanSquare()[0], 2e-3);
-  EXPECT_LT(right->RootMeanSquare()[1], 2e-4);
+  EXPECT_LT(right->RootMeanSquare()[0], 2e-4);
+  EXPECT_LT(right->RootMeanSquare()[1], 2e-5);
 }
 
 TEST(EstimateLasers, RefusesASingleScan) {
@@ -155,9 +163,9 @@ TEST(TrajectoryRefiner, FindsNothingOfLasersThatAreRight) {
   const auto result = Fixture(200.0).Refine();
   ASSERT_TRUE(result.ok()) << result.status().message();
   const LaserCorrection::Errors errors = result->lasers.RootMeanSquare();
-  EXPECT_LT(errors[0], 2e-3);
-  EXPECT_LT(errors[1], 2e-4);
-  EXPECT_LT(errors[2], 2e-4);
+  EXPECT_LT(errors[0], 2e-4);
+  EXPECT_LT(errors[1], 2e-5);
+  EXPECT_LT(errors[2], 2e-5);
 }
 
 TEST(TrajectoryRefiner, RefusesASceneWithoutPlanes) {

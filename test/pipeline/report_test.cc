@@ -54,5 +54,18 @@ TEST(ReportPictures, OfTheCloudTakeColoursFromImagesNearThePlaceTheyShow) {
   EXPECT_LT(num_far, num_near / 20);
 }
 
+TEST(DescribeLasers, SaysWhatTheyWereCorrectedByOrThatTheyWereNot) {
+  MappingReport report;
+  EXPECT_EQ(DescribeLasers(report), "lasers: as the lidar reports them");
+  report.laser_range_m = 4e-5;  // neither would show
+  report.laser_elevation_rad = 5e-6;
+  EXPECT_EQ(DescribeLasers(report), "lasers: as the lidar reports them");
+  report.laser_elevation_rad = 2e-4;
+  EXPECT_EQ(DescribeLasers(report), "lasers: corrected by 0.0 mm and 0.011 deg in elevation (RMS)");
+  report.laser_range_m = 0.0128;
+  EXPECT_EQ(DescribeLasers(report),
+            "lasers: corrected by 12.8 mm and 0.011 deg in elevation (RMS)");
+}
+
 }  // namespace
 }  // namespace scenecalib

@@ -39,6 +39,10 @@ class LaserCorrection {
   Errors MeanSigma() const;
   /// Adds a step to every node: range, elevation and azimuth of the first node, of the second, ...
   void Add(const Eigen::VectorXd& step);
+  /// Scales range, elevation and azimuth by v / (v + unreal²), v their mean square over the points:
+  /// the best estimate where `unreal` (root mean square) of what was found is the scene's and not
+  /// the lasers' (James and Stein, Berkeley Symposium 1961). Lasers that differ much keep theirs.
+  void Shrink(const Errors& unreal);
 
   /// The two nodes that a point counts to: `first`, with 1 - share_of_next, and the one after it.
   struct Place {
